@@ -1,0 +1,43 @@
+#pragma once
+// Floor 1. The frame of last polarities: what frame-based marker detection looks at.
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <stdexcept>
+#include <vector>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker {
+
+/// An 8-bit image, row by row, of the last polarity at every pixel: bright after ON, dark after OFF, grey where nothing
+/// happened yet.
+class PolarityFrame {
+ public:
+  static constexpr std::uint8_t kOff = 0;
+  static constexpr std::uint8_t kUntouched = 128;
+  static constexpr std::uint8_t kOn = 255;
+
+  explicit PolarityFrame(SensorSize size) : size_(size) {
+    if (size.width < 1 || size.height < 1) throw std::invalid_argument("polarity frame: sensor size must be positive");
+    pixels_.assign(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height), kUntouched);
+  }
+
+  /// Takes one event; the caller has checked that it lies on the sensor.
+  void update(const Event& event) noexcept {
+    pixels_[static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x] = event.p > 0 ? kOn : kOff;
+    t_ = event.t;
+  }
+
+  SensorSize sensor_size() const noexcept { return size_; }
+  std::span<const std::uint8_t> pixels() const noexcept { return pixels_; }
+  /// Time of the last event in the frame [us].
+  Timestamp t() const noexcept { return t_; }
+
+ private:
+  SensorSize size_;
+  std::vector<std::uint8_t> pixels_;
+  Timestamp t_ = 0;
+};
+
+}  // namespace evmarker

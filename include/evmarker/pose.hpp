@@ -1,0 +1,68 @@
+#pragma once
+// Floor 1. What a tracker tells: pose, information, twist and how far to trust it.
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <limits>
+#include <optional>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker {
+
+using MarkerId = int;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+enum class TrackingState {
+  converging,  ///< the first updates after a detection: the pose may still be far off
+  tracking,    ///< verified: use the pose
+  lost         ///< verification failed or the marker left: the last pose of this tracker
+};
+
+constexpr const char* to_string(TrackingState state) noexcept {
+  switch (state) {
+    case TrackingState::converging: return "converging";
+    case TrackingState::tracking: return "tracking";
+    case TrackingState::lost: return "lost";
+  }
+  return "?";
+}
+
+/// How well the events agree with the pose.
+struct TrackingQuality {
+  TrackingState state = TrackingState::converging;
+  int matched = 0;         ///< events that took part in this update
+  int offered = 0;         ///< events that fell on or near the marker since the last update
+  double residual_px = 0;  ///< root mean square distance of the matched events to their edges [px]
+  double backtrack_px = std::numeric_limits<double>::quiet_NaN();   ///< Eq. (13) at the last verification [px]
+  double backtrack_rad = std::numeric_limits<double>::quiet_NaN();  ///< Eq. (14) at the last verification [rad]
+  double backtrack_angle_rad = std::numeric_limits<double>::quiet_NaN();  ///< the same as one geodesic angle [rad]
+  Timestamp backtrack_t = 0;  ///< when the last verification ran [us]; errors are NaN before the first
+};
+
+/// The pose of one marker at one time. Perturbations act on the left, in the camera frame, ordered
+/// [translation [m]; rotation [rad] about the marker's origin].
+struct PoseEstimate {
+  MarkerId id = 0;
+  Timestamp t = 0;                                                         ///< [us]
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();       ///< [m]
+  Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
+  std::optional<Vector6d> twist;            ///< rate of the perturbation above [m/s; rad/s], where the rule has one
+  TrackingQuality quality;
+};
+
+/// Covariance [m^2, m rad, rad^2] from information, or nothing while a direction of motion is unobserved.
+inline std::optional<Matrix6d> covariance(const PoseEstimate& pose) {
+  // Metres and radians differ by the distance to the marker: scale to comparable units before judging the rank.
+  const Vector6d scale = pose.information.diagonal().cwiseSqrt();
+  if (!(scale.minCoeff() > 0)) return std::nullopt;
+  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * pose.information * scale.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
+  if (eigen.info() != Eigen::Success || !(eigen.eigenvalues()(0) > 1e-12)) return std::nullopt;
+  const Matrix6d inverse =
+      eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+  return scale.cwiseInverse().asDiagonal() * inverse * scale.cwiseInverse().asDiagonal();
+}
+
+}  // namespace evmarker
