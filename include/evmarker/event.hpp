@@ -34,12 +34,12 @@ template <typename E>
 struct EventTraits;
 
 template <typename E>
-  requires requires(const E& e) {
-    { e.x } -> std::convertible_to<int>;
-    { e.y } -> std::convertible_to<int>;
-    { e.p } -> std::convertible_to<int>;
-    { e.t } -> std::convertible_to<Timestamp>;
-  }
+requires requires(const E& e) {
+  { e.x } -> std::convertible_to<int>;
+  { e.y } -> std::convertible_to<int>;
+  { e.p } -> std::convertible_to<int>;
+  { e.t } -> std::convertible_to<Timestamp>;
+}
 struct EventTraits<E> {
   static constexpr int x(const E& e) noexcept { return static_cast<int>(e.x); }
   static constexpr int y(const E& e) noexcept { return static_cast<int>(e.y); }
@@ -48,12 +48,12 @@ struct EventTraits<E> {
 };
 
 template <typename E>
-  requires requires(const E& e) {
-    { e.x() } -> std::convertible_to<int>;
-    { e.y() } -> std::convertible_to<int>;
-    { e.polarity() } -> std::convertible_to<int>;
-    { e.timestamp() } -> std::convertible_to<Timestamp>;
-  }
+requires requires(const E& e) {
+  { e.x() } -> std::convertible_to<int>;
+  { e.y() } -> std::convertible_to<int>;
+  { e.polarity() } -> std::convertible_to<int>;
+  { e.timestamp() } -> std::convertible_to<Timestamp>;
+}
 struct EventTraits<E> {
   static constexpr int x(const E& e) noexcept { return static_cast<int>(e.x()); }
   static constexpr int y(const E& e) noexcept { return static_cast<int>(e.y()); }

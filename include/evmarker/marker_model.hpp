@@ -9,16 +9,16 @@
 
 namespace evmarker {
 
-/// One straight edge between two vertices. `dark_side` is the unit vector [marker frame], perpendicular to the edge, that
-/// points into the darker of the two areas it separates; zero where that is not known.
+/// One straight edge between two vertices. `dark_side` is the unit vector [marker frame], perpendicular to the edge,
+/// that points into the darker of the two areas it separates; zero where that is not known.
 struct MarkerSegment {
   int from = 0;
   int to = 0;
   Eigen::Vector3d dark_side = Eigen::Vector3d::Zero();
 };
 
-/// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the marker)
-/// and the edges between them.
+/// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the
+/// marker) and the edges between them.
 struct MarkerModel {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<MarkerSegment> segments;
@@ -55,7 +55,8 @@ inline void validate(const MarkerModel& model) {
   }
 }
 
-/// The outline of a dark square of side `length` [m]: four corners from the top left clockwise, four edges, dark inside.
+/// The outline of a dark square of side `length` [m]: four corners from the top left clockwise, four edges, dark
+/// inside.
 inline MarkerModel make_square_marker(double length) {
   detail::require_marker_length(length);
   const double h = length / 2;

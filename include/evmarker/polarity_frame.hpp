@@ -25,7 +25,8 @@ class PolarityFrame {
 
   /// Takes one event; the caller has checked that it lies on the sensor.
   void update(const Event& event) noexcept {
-    pixels_[static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x] = event.p > 0 ? kOn : kOff;
+    pixels_[static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x] =
+        event.p > 0 ? kOn : kOff;
     t_ = event.t;
   }
 

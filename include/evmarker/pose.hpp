@@ -35,8 +35,8 @@ struct TrackingQuality {
   int matched = 0;         ///< events that took part in this update
   int offered = 0;         ///< events that fell on or near the marker since the last update
   double residual_px = 0;  ///< root mean square distance of the matched events to their edges [px]
-  double backtrack_px = std::numeric_limits<double>::quiet_NaN();   ///< Eq. (13) at the last verification [px]
-  double backtrack_rad = std::numeric_limits<double>::quiet_NaN();  ///< Eq. (14) at the last verification [rad]
+  double backtrack_px = std::numeric_limits<double>::quiet_NaN();         ///< Eq. (13) at the last verification [px]
+  double backtrack_rad = std::numeric_limits<double>::quiet_NaN();        ///< Eq. (14) at the last verification [rad]
   double backtrack_angle_rad = std::numeric_limits<double>::quiet_NaN();  ///< the same as one geodesic angle [rad]
   Timestamp backtrack_t = 0;  ///< when the last verification ran [us]; errors are NaN before the first
 };
@@ -45,8 +45,8 @@ struct TrackingQuality {
 /// [translation [m]; rotation [rad] about the marker's origin].
 struct PoseEstimate {
   MarkerId id = 0;
-  Timestamp t = 0;                                                         ///< [us]
-  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();       ///< [m]
+  Timestamp t = 0;                                                    ///< [us]
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
   Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
   std::optional<Vector6d> twist;            ///< rate of the perturbation above [m/s; rad/s], where the rule has one
   TrackingQuality quality;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
+#include <numbers>
 
 namespace evmarker {
 
@@ -47,9 +48,10 @@ inline Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
 }
 
 /// An angle [rad] moved by whole turns into [-pi, pi].
-inline double wrap_angle(double angle) { return std::remainder(angle, 2 * EIGEN_PI); }
+inline double wrap_angle(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
-/// The rotation nearest to a matrix that rounding has taken slightly off SO(3): one Newton step of the polar decomposition.
+/// The rotation nearest to a matrix that rounding has taken slightly off SO(3): one Newton step of the polar
+/// decomposition.
 inline Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& R) {
   return 0.5 * R * (3 * Eigen::Matrix3d::Identity() - R.transpose() * R);
 }
