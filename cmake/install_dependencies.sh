@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# Installs what building, testing and plotting evmarker need on Debian and Ubuntu. Says nothing when all of it is there.
+set -euo pipefail
+
+packages=(
+  g++ cmake ninja-build
+  libeigen3-dev                         # the core
+  libopencv-dev libopencv-contrib-dev   # evmarker::opencv
+  libcli11-dev                          # examples
+  doctest-dev libbenchmark-dev          # tests, benchmarks
+  gnuplot-nox                           # plots
+)
+
+fail() {
+  echo "install_dependencies: $1" >&2
+  echo "install_dependencies: please install: ${missing[*]}" >&2
+  exit 1
+}
+
+missing=("${packages[@]}")
+command -v apt-get >/dev/null && command -v dpkg-query >/dev/null ||
+  fail "no apt here, so it is not known what is missing (see also cmake/install_dependencies.sh)"
+
+missing=()
+for package in "${packages[@]}"; do
+  status=$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null || true)
+  [ "$status" = installed ] || missing+=("$package")
+done
+[ ${#missing[@]} -gt 0 ] || exit 0
+
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+  command -v sudo >/dev/null && sudo --non-interactive true 2>/dev/null || fail "this needs root (and sudo asks for a password)"
+  as_root=(sudo --non-interactive)
+fi
+
+echo "install_dependencies: installing ${missing[*]}"
+export DEBIAN_FRONTEND=noninteractive
+"${as_root[@]}" apt-get update -qq || fail "apt-get update failed"
+"${as_root[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}" || fail "apt-get install failed"

@@ -1,0 +1,48 @@
+# Proves that the floors check finds each fault that it is there for, on small trees written here.
+cmake_minimum_required(VERSION 3.24)
+
+# Checks a tree of two good headers and one more, `path` with `text`, and expects to read `expected`.
+function(expect expected path text)
+  file(REMOVE_RECURSE ${SCRATCH})
+  file(WRITE ${SCRATCH}/evmarker/ground.hpp "#pragma once\n// Floor 0. Ground.\n#include <vector>\n")
+  file(WRITE ${SCRATCH}/evmarker/first.hpp
+       "#pragma once\n// Floor 1. First.\n#include <Eigen/Core>\n#include \"evmarker/ground.hpp\"\n"
+  )
+  file(WRITE ${SCRATCH}/evmarker/io/reader.hpp "#pragma once\n// io. Reader.\n#include \"evmarker/first.hpp\"\n")
+  file(WRITE ${SCRATCH}/evmarker/${path} "${text}")
+  execute_process(
+    COMMAND ${CMAKE_COMMAND} -D INCLUDE_DIR=${SCRATCH} -P ${CHECK} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output
+  )
+  string(REGEX REPLACE "[ \n]+" " " output "${output}")
+  string(FIND "${output}" "${expected}" found)
+  if(expected STREQUAL "4 headers stand right")
+    set(should_pass TRUE)
+  else()
+    set(should_pass FALSE)
+  endif()
+  if((result EQUAL 0 AND NOT should_pass) OR (NOT result EQUAL 0 AND should_pass) OR found EQUAL -1)
+    message(FATAL_ERROR "${path} with\n${text}\nshould give '${expected}', gave (exit code ${result}):\n${output}")
+  endif()
+  message(STATUS "as expected: ${expected}")
+endfunction()
+
+set(floor_1 "#pragma once\n// Floor 1. Other.\n")
+set(right "4 headers stand right")
+expect("${right}" other.hpp "${floor_1}#include <evmarker/ground.hpp>\n")
+expect("${right}" io/other.hpp "#pragma once\n// io. Other.\n#include \"evmarker/io/reader.hpp\"\n")
+expect("${right}" opencv/other.hpp "#pragma once\n// opencv. Other.\n#include <opencv2/core/mat.hpp>\n")
+expect("includes evmarker/first.hpp of floor 1" other.hpp "${floor_1}#include \"evmarker/first.hpp\"\n")
+expect("includes evmarker/first.hpp of floor 1" other.hpp "#pragma once\n// Floor 0. Other.\n#include \"evmarker/first.hpp\"\n")
+expect("includes evmarker/io/reader.hpp, which is outside the core" other.hpp "${floor_1}#include \"evmarker/io/reader.hpp\"\n")
+expect("of folder io" opencv/other.hpp "#pragma once\n// opencv. Other.\n#include \"evmarker/io/reader.hpp\"\n")
+expect("which does not exist" other.hpp "${floor_1}#include \"evmarker/nowhere.hpp\"\n")
+expect("includes opencv2/core.hpp" other.hpp "${floor_1}  #  include <opencv2/core.hpp>\n")
+expect("includes opencv2/core.hpp" io/other.hpp "#pragma once\n// io. Other.\n#include <opencv2/core.hpp>\n")
+expect("includes sys/mman.h" other.hpp "${floor_1}#include <sys/mman.h>\n")
+expect("includes ground.hpp" other.hpp "${floor_1}#include \"ground.hpp\"\n")
+expect("does not say '// Floor N." other.hpp "#pragma once\n\n// Floor 1. A line too late.\n")
+expect("does not say '// Floor N." other.hpp "#pragma once\n// io. In the wrong folder.\n")
+expect("does not say '// io." io/other.hpp "${floor_1}")
+expect("unknown folder 'gui'" gui/other.hpp "#pragma once\n// gui. Other.\n")
+string(REPEAT "//\n" 299 long)
+expect("301 lines, more than 300" other.hpp "${floor_1}${long}")

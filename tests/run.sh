@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# Builds and runs every test, optimised and again under the address and undefined behaviour sanitizers; stops at the first
+# failure. Arguments name other presets to run instead: tests/run.sh debug
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+bash cmake/install_dependencies.sh
+
+cores=$(nproc)
+export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$cores}
+export CTEST_PARALLEL_LEVEL=${CTEST_PARALLEL_LEVEL:-$cores}
+if [ $# -eq 0 ]; then
+  set -- release asan
+fi
+for preset in "$@"; do
+  printf '\n=== %s ===\n' "$preset"
+  cmake --workflow --preset "$preset"
+done
