@@ -50,7 +50,8 @@ inline void validate(const MarkerModel& model) {
     if (!known(from) || !known(to))
       throw std::invalid_argument(name + " joins vertices " + std::to_string(from) + " and " + std::to_string(to) +
                                   " of " + std::to_string(model.vertices.size()));
-    if (model.vertices[from] == model.vertices[to]) throw std::invalid_argument(name + " has no length");
+    const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
+    if (vertex(from) == vertex(to)) throw std::invalid_argument(name + " has no length");
     if (!dark_side.allFinite()) throw std::invalid_argument(name + ": dark side is not finite");
   }
 }

@@ -1,0 +1,54 @@
+#pragma once
+// Floor 1. A ring of recent events: replayed after a detection, and backwards for verification.
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <stdexcept>
+#include <vector>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker {
+
+/// The last events, oldest first; a full ring forgets the oldest. Never allocates after construction, except when
+/// assigned from a ring of another capacity.
+class EventHistory {
+ public:
+  /// @param capacity number of events kept, rounded up to a power of two
+  explicit EventHistory(std::size_t capacity) {
+    if (capacity == 0) throw std::invalid_argument("event history: capacity is 0");
+    ring_.resize(std::bit_ceil(capacity));
+  }
+
+  void push(const Event& event) noexcept { ring_[pushed_++ & (ring_.size() - 1)] = event; }
+  void clear() noexcept { cleared_at_ = pushed_; }
+
+  std::size_t capacity() const noexcept { return ring_.size(); }
+  std::size_t size() const noexcept { return std::min<std::size_t>(pushed_ - cleared_at_, ring_.size()); }
+  bool full() const noexcept { return size() == ring_.size(); }
+
+  /// Event `i`, 0 the oldest that is kept.
+  const Event& operator[](std::size_t i) const noexcept { return ring_[(pushed_ - size() + i) & (ring_.size() - 1)]; }
+
+  /// How many events were ever pushed: a position in the stream to come back to.
+  std::uint64_t pushed() const noexcept { return pushed_; }
+
+  /// Calls `use(event)` for every event pushed since `pushed()` was `position` that is still kept, in order of arrival.
+  template <typename Use>
+  void for_each_since(std::uint64_t position, Use&& use) const {
+    for (std::uint64_t i = std::max(position, pushed_ - size()); i < pushed_; ++i) use(ring_[i & (ring_.size() - 1)]);
+  }
+
+  /// Calls `use(event)` for every event, newest first.
+  template <typename Use>
+  void for_each_reversed(Use&& use) const {
+    for (std::size_t i = size(); i-- > 0;) use((*this)[i]);
+  }
+
+ private:
+  std::vector<Event> ring_;
+  std::uint64_t pushed_ = 0;
+  std::uint64_t cleared_at_ = 0;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,123 @@
+#pragma once
+// Floor 6. One marker, from a known pose on: follow it, verify it, say when it is lost.
+#include <Eigen/Geometry>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "evmarker/decoupled_update.hpp"
+#include "evmarker/edge_follower.hpp"
+#include "evmarker/pose.hpp"
+#include "evmarker/undistortion_table.hpp"
+#include "evmarker/verification.hpp"
+
+namespace evmarker {
+
+template <PoseUpdateRule Rule>
+struct MarkerTrackerSettings {
+  int events_per_update = 100;          ///< the paper's n, matched events
+  SegmentMatcherSettings matching{};    ///< the paper's segment matching
+  typename Rule::Settings update{};     ///< gains of the update rule
+  VerificationSettings verification{};  ///< the paper's backtracking
+  int converging_updates = 50;          ///< the first N updates: verified, but not held against the tracker
+  double min_matched_fraction = 0.45;   ///< of the events near the edges; below: it follows something else, lost
+  int matched_fraction_events = 500;    ///< about how many events that fraction is averaged over
+};
+
+/// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
+template <PoseUpdateRule Rule = DecoupledUpdate>
+class MarkerTracker {
+ public:
+  using Settings = MarkerTrackerSettings<Rule>;
+
+  /// @param camera anything that an UndistortionTable can be made of, or a table to share
+  /// @param T_camera_marker first pose [m]
+  /// @throws std::invalid_argument naming the setting, the model's fault, or a pose behind the camera
+  template <typename Camera>
+  MarkerTracker(const Camera& camera, MarkerModel model, const Eigen::Isometry3d& T_camera_marker,
+                const Settings& settings = {}, MarkerId id = 0)
+      : settings_(settings),
+        id_(id),
+        lines_(camera),
+        follower_(std::move(model), lines_.focal_length(), T_camera_marker,
+                  {settings.events_per_update, settings.matching, settings.update}),
+        verification_(follower_, settings.verification) {
+    if (settings.converging_updates < 0)
+      throw std::invalid_argument("converging_updates is " + std::to_string(settings.converging_updates));
+    if (!(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1))
+      throw std::invalid_argument("min_matched_fraction is " + std::to_string(settings.min_matched_fraction));
+    if (settings.matched_fraction_events < 1)
+      throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
+  }
+
+  /// Takes one event. A pose every `events_per_update` matched ones, and one last pose with state `lost` when the
+  /// marker is lost; after that, nothing.
+  template <EventLike E>
+  std::optional<PoseEstimate> push(const E& foreign_event) noexcept {
+    const Event event = to_event(foreign_event);
+    if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
+    const Eigen::Vector2d m = lines_(event);
+    const auto [match, updated] = follower_.push(m, event.t);  // a NaN direction is far from everything
+    if (match == MatchResult::far) return std::nullopt;
+    t_ = event.t;
+
+    matched_fraction_ +=
+        ((match == MatchResult::near ? 0.0 : 1.0) - matched_fraction_) / settings_.matched_fraction_events;
+    if (matched_fraction_ < settings_.min_matched_fraction) return lose();
+    const auto error = verification_.push(event, updated, follower_, lines_);
+    if (!updated) return std::nullopt;
+
+    ++updates_;
+    quality_.matched = follower_.last_update().matched;
+    quality_.offered = follower_.last_update().offered;
+    quality_.residual_px = follower_.last_update().residual_px;
+    if (error) {
+      quality_.backtrack_px = error->translation_px;
+      quality_.backtrack_rad = error->rotation_rad;
+      quality_.backtrack_angle_rad = error->angle_rad;
+      quality_.backtrack_t = event.t;
+    }
+    if (updates_ > settings_.converging_updates) quality_.state = TrackingState::tracking;
+    const bool failed = error && quality_.state == TrackingState::tracking && !verification_.passes(*error);
+    if (failed || !follower_.in_front() || out_of_image()) return lose();
+    return estimate();
+  }
+
+  /// The present estimate: of the last update, or the start.
+  PoseEstimate estimate() const noexcept {
+    return {id_, t_, follower_.T_camera_marker(), follower_.rule().information(), follower_.rule().twist(), quality_};
+  }
+
+  /// Declares the marker lost, for a reason that only the caller knows; the last pose.
+  PoseEstimate lose() noexcept {
+    quality_.state = TrackingState::lost;
+    return estimate();
+  }
+
+  MarkerId id() const noexcept { return id_; }
+  const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
+  TrackingState state() const noexcept { return quality_.state; }
+  const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
+  const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
+
+ private:
+  bool out_of_image() const noexcept {
+    const SegmentMatcher& marker = follower_.matcher();
+    const double f = lines_.focal_length();
+    return (marker.high().array() < f * lines_.low().array()).any() ||
+           (marker.low().array() > f * lines_.high().array()).any();
+  }
+
+  Settings settings_;
+  MarkerId id_;
+  UndistortionTable lines_;
+  EdgeFollower<Rule> follower_;
+  Verification<Rule> verification_;
+  TrackingQuality quality_;
+  Timestamp t_ = 0;
+  int updates_ = 0;
+  double matched_fraction_ = 1;  // running mean over the events on or near the wireframe
+};
+
+}  // namespace evmarker

@@ -1,0 +1,33 @@
+#pragma once
+// Floor 3. What an update rule must offer: how matched events move the pose.
+#include <concepts>
+#include <optional>
+
+#include "evmarker/pose.hpp"
+#include "evmarker/segment_matcher.hpp"
+
+namespace evmarker {
+
+/// A rule collects matched events at one pose with `add` and moves the pose with `update`. None of its functions throws
+/// or allocates. It is a value: a copy goes on independently.
+template <typename R>
+concept PoseUpdateRule = std::copyable<R> &&
+    requires(R& rule, const R& constant, const Correspondence& correspondence, Eigen::Isometry3d& T_camera_marker,
+             Timestamp t, int events_per_update, const typename R::Settings& settings) {
+  /// Settings are validated here: std::invalid_argument names what is wrong.
+  R(settings, events_per_update);
+  /// Takes one matched event; the pose is the one at which it was matched.
+  { rule.add(correspondence, T_camera_marker) }
+  noexcept;
+  /// Moves the pose to the time of the last event. False, with the pose as it was, for a skipped (singular) step.
+  { rule.update(T_camera_marker, t) }
+  noexcept->std::same_as<bool>;
+  /// Forgets what was collected and prepares to run backwards in time.
+  { rule.reverse() }
+  noexcept;
+  /// Zero where the rule estimates none.
+  { constant.information() } -> std::convertible_to<Matrix6d>;
+  { constant.twist() } -> std::same_as<std::optional<Vector6d>>;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,70 @@
+#pragma once
+// Floor 2. Background-activity filter: an event needs a recent neighbour.
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/event_stream.hpp"
+
+namespace evmarker {
+
+/// Lets an event through if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
+/// it (or after it, where recordings step back in time). The pixel itself does not count: a hot pixel supports nobody,
+/// least of all itself. The paper's preprocessing, 2000 us.
+class SpatiotemporalFilter {
+ public:
+  /// @throws std::invalid_argument if the window is not in (0, 15 minutes]
+  explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = std::chrono::microseconds(2000))
+      : stride_(static_cast<std::size_t>(size.width) + 2), window_(static_cast<std::uint32_t>(window.count())) {
+    if (size.width < 1 || size.height < 1) throw std::invalid_argument("filter: sensor size must be positive");
+    if (window.count() < 1 || window > std::chrono::minutes(15))
+      throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in (0, 15 min]");
+    last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
+  }
+
+  /// True if the event, which must lie on the sensor, has support.
+  bool accept(const Event& event) noexcept {
+    if (distance(event.t, swept_at_) > kSweepInterval) [[unlikely]]
+      sweep(event.t);
+    const auto now = static_cast<std::uint32_t>(event.t);
+    std::uint32_t* const pixel = &last_[(event.y + std::size_t{1}) * stride_ + event.x + 1];
+    const auto recent = [&](const std::uint32_t* neighbour) {
+      return static_cast<unsigned>(now - *neighbour + window_ <= 2 * window_);  // |now - neighbour| <= window
+    };
+    // Without branches: all eight, since which of them is recent cannot be predicted.
+    const unsigned supported = recent(pixel - stride_ - 1) | recent(pixel - stride_) | recent(pixel - stride_ + 1) |
+                               recent(pixel - 1) | recent(pixel + 1) |  //
+                               recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
+    *pixel = now;
+    return supported != 0;
+  }
+
+ private:
+  // Times are kept as their low 32 bits. So that a pixel that was silent for 71 minutes does not look recent when they
+  // come round, stale times are moved to the far side of the circle well before that.
+  static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;
+  static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;
+
+  static constexpr std::uint64_t distance(Timestamp a, Timestamp b) noexcept {
+    const auto ua = static_cast<std::uint64_t>(a), ub = static_cast<std::uint64_t>(b);
+    return a > b ? ua - ub : ub - ua;
+  }
+
+  void sweep(Timestamp t) noexcept {
+    const auto now = static_cast<std::uint32_t>(t);
+    const bool all_stale = distance(t, swept_at_) > 2 * kSweepInterval;  // also before the first event
+    for (std::uint32_t& last : last_)
+      if (all_stale || now - last + window_ > 2 * window_) last = now + kFarSide;
+    swept_at_ = t;
+  }
+
+  std::size_t stride_;  // a border of one pixel all around never gets an event and needs no test
+  std::uint32_t window_;
+  std::vector<std::uint32_t> last_;
+  Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;
+};
+
+}  // namespace evmarker

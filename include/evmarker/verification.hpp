@@ -1,0 +1,93 @@
+#pragma once
+// Floor 5. Forward/backward verification: does the tracker come back to where it was? Eqs. (13) and (14).
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/edge_follower.hpp"
+#include "evmarker/event_history.hpp"
+#include "evmarker/so3.hpp"
+#include "evmarker/undistortion_table.hpp"
+
+namespace evmarker {
+
+struct VerificationSettings {
+  int updates = 100;                  ///< k: forward updates before the way back
+  double max_translation_px = 5;      ///< epsilon_T
+  double max_rotation_rad = 0.15;     ///< epsilon_R
+  std::size_t max_events = 1u << 15;  ///< a window that fills this ring is verified early
+};
+
+/// How far the backtracked pose is from the pose that the forward tracker had at the same time.
+struct BacktrackError {
+  double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
+  double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
+  double angle_rad = 0;       ///< the geodesic angle between the two rotations
+};
+
+/// Eqs. (13), (14) between a forward and a backtracked pose of the same time. The paper compares poses of different
+/// times; the angle differences are wrapped, which it does not say.
+inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Eigen::Isometry3d& backward,
+                                      double focal_length) noexcept {
+  const auto centre = [&](const Eigen::Isometry3d& T) -> Eigen::Vector2d {
+    return focal_length / T.translation().z() * T.translation().head<2>();
+  };
+  const Eigen::Vector3d difference = roll_pitch_yaw(forward.linear()) - roll_pitch_yaw(backward.linear());
+  return {(centre(forward) - centre(backward)).lpNorm<1>(), difference.unaryExpr(&wrap_angle).lpNorm<1>(),
+          geodesic_angle(forward.linear(), backward.linear())};
+}
+
+/// Keeps the events of the last updates and, every `updates` of them, runs a copy of the tracker back over them.
+template <PoseUpdateRule Rule>
+class Verification {
+ public:
+  /// @throws std::invalid_argument naming the setting that is out of range
+  Verification(const EdgeFollower<Rule>& forward, const VerificationSettings& settings)
+      : settings_(settings), window_(settings.max_events), backward_(forward), T_start_(forward.T_camera_marker()) {
+    const auto require = [](bool good, const char* name, double value) {
+      if (!good) throw std::invalid_argument(std::string("verification: ") + name + " is " + std::to_string(value));
+    };
+    require(settings.updates >= 1, "updates", settings.updates);
+    require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
+    require(settings.max_rotation_rad > 0, "max_rotation_rad", settings.max_rotation_rad);
+  }
+
+  /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of a window: the
+  /// error between the pose at its start and the pose that the way back leads to.
+  std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
+                                     const UndistortionTable& lines) noexcept {
+    window_.push(event);
+    updates_ += updated;
+    if (!updated || (updates_ < settings_.updates && !window_.full())) return std::nullopt;
+    const BacktrackError error = backtrack_error(T_start_, backtrack(forward, lines), forward.matcher().focal_length());
+    T_start_ = forward.T_camera_marker();
+    window_.clear();
+    updates_ = 0;
+    return error;
+  }
+
+  bool passes(const BacktrackError& error) const noexcept {  // false for NaN
+    return error.translation_px <= settings_.max_translation_px && error.rotation_rad <= settings_.max_rotation_rad;
+  }
+
+ private:
+  // From the forward tracker's last pose, with cleared averages, through the window's events in reverse; their times
+  // run on from the last one, so that the rule sees time that passes.
+  const Eigen::Isometry3d& backtrack(const EdgeFollower<Rule>& forward, const UndistortionTable& lines) noexcept {
+    backward_ = forward;
+    backward_.reverse();
+    const Timestamp end = window_[window_.size() - 1].t;
+    window_.for_each_reversed([&](const Event& event) { backward_.push(lines(event), end + (end - event.t)); });
+    return backward_.T_camera_marker();
+  }
+
+  VerificationSettings settings_;
+  EventHistory window_;
+  EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
+  Eigen::Isometry3d T_start_;    // P_n
+  int updates_ = 0;
+};
+
+}  // namespace evmarker
