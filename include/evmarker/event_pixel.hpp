@@ -1,0 +1,115 @@
+#pragma once
+// Floor 1. One pixel of an event camera: what makes it fire and when.
+#include <cmath>
+#include <limits>
+
+namespace evmarker {
+
+/// What all pixels of a sensor have in common.
+struct EventPixelDynamics {
+  double time_constant_us = 0;  ///< of the first-order low-pass ahead of the comparators
+  double refractory_us = 50;    ///< dead time after an event
+};
+
+/// An event camera's pixel (Lichtsteiner, Posch and Delbruck, "A 128x128 120 dB 15 us latency asynchronous temporal
+/// contrast vision sensor", 2008): it compares the low-passed logarithm of the intensity to the level that it memorised
+/// at the end of its last event, and fires ON or OFF when the difference reaches a threshold. Times in us, levels in
+/// natural logarithms of intensity.
+class EventPixel {
+ public:
+  /// Starts settled at a log intensity.
+  EventPixel(double log_intensity, double threshold_on, double threshold_off) noexcept
+      : input_(log_intensity),
+        level_(log_intensity),
+        memory_(log_intensity),
+        threshold_on_(threshold_on),
+        threshold_off_(threshold_off) {}
+
+  /// Goes from t0 to t1 while the log intensity goes in a straight line from where it was to `log_intensity`.
+  /// @param emit `double emit(double t, bool on)` takes an event and returns the time at which it left the pixel, not
+  ///   before t; the dead time starts there
+  template <typename Emit>
+  void advance(double t0, double t1, double log_intensity, const EventPixelDynamics& dynamics, Emit&& emit) {
+    const Ramp ramp(t0, t1, input_, log_intensity, level_, dynamics.time_constant_us);
+    const double end_level = ramp.level(t1);
+    for (double t = t0;;) {
+      if (dead_until_ != kAlive) {
+        if (dead_until_ >= t1) break;
+        t = std::fmax(t, dead_until_);
+        memory_ = ramp.level(t);
+        dead_until_ = kAlive;
+      }
+      const bool on = end_level >= memory_ + threshold_on_;
+      if (!on && !(end_level <= memory_ - threshold_off_)) break;
+      t = ramp.crossing(t, t1, on ? memory_ + threshold_on_ : memory_ - threshold_off_);
+      dead_until_ = emit(t, on) + dynamics.refractory_us;
+    }
+    input_ = log_intensity;
+    level_ = end_level;
+  }
+
+  /// Fires without a cause at time t, up to which the pixel has been advanced; a dead pixel does not.
+  template <typename Emit>
+  void fire(double t, bool on, const EventPixelDynamics& dynamics, Emit&& emit) {
+    if (dead_until_ == kAlive || dead_until_ < t) dead_until_ = emit(t, on) + dynamics.refractory_us;
+  }
+
+  /// Under constant light: takes the last rest of the low-pass as done, if it is small, and says whether it was.
+  bool settle() noexcept {
+    if (std::abs(level_ - input_) > 1e-4) return false;
+    level_ = input_;
+    return true;
+  }
+
+  double log_intensity() const noexcept { return input_; }
+  double level() const noexcept { return level_; }
+
+ private:
+  static constexpr double kAlive = -std::numeric_limits<double>::infinity();
+
+  // The first-order response to a straight line, in closed form.
+  class Ramp {
+   public:
+    Ramp(double t0, double t1, double input0, double input1, double level0, double time_constant)
+        : t0_(t0), input0_(input0), slope_((input1 - input0) / (t1 - t0)), time_constant_(time_constant) {
+      transient_ = level0 - input0 + slope_ * time_constant;
+    }
+
+    double level(double t) const {
+      const double line = input0_ + slope_ * (t - t0_);
+      if (time_constant_ <= 0) return line;
+      return line - slope_ * time_constant_ + transient_ * std::exp((t0_ - t) / time_constant_);
+    }
+
+    // First time between `low` and `high` at which the level is there, known to lie between theirs (regula falsi with
+    // the Illinois weighting; straight lines take one step).
+    double crossing(double low, double high, double target) const {
+      double below = level(low) - target, above = level(high) - target;
+      double t = high;
+      for (int iteration = 0; iteration < 40 && high - low > 1e-3; ++iteration) {
+        t = above != below ? high - above * (high - low) / (above - below) : high;
+        const double error = level(t) - target;
+        if (std::abs(error) < 1e-9) break;
+        if ((error > 0) == (above > 0)) {
+          high = t;
+          above = error;
+          below /= 2;
+        } else {
+          low = t;
+          below = error;
+          above /= 2;
+        }
+      }
+      return t;
+    }
+
+   private:
+    double t0_, input0_, slope_, time_constant_, transient_;
+  };
+
+  double input_, level_, memory_;
+  double threshold_on_, threshold_off_;
+  double dead_until_ = kAlive;
+};
+
+}  // namespace evmarker

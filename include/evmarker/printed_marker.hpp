@@ -1,0 +1,169 @@
+#pragma once
+// Floor 1. A code marker on white paper, seen through a blur.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/marker_model.hpp"
+
+namespace evmarker {
+
+/// Integral of the normal distribution: the profile of a straight edge behind a Gaussian blur of sigma 1. Exactly 0 and
+/// 1 beyond `kEdgeReach`; tabulated, to 1e-6.
+inline constexpr double kEdgeReach = 4.5;
+
+inline double edge_profile(double x) {
+  static constexpr int kSteps = 4096;
+  static const auto table = [] {
+    std::array<double, kSteps + 2> values{};
+    for (int i = 0; i <= kSteps + 1; ++i)
+      values[static_cast<std::size_t>(i)] = 0.5 * std::erfc((1 - 2.0 * i / kSteps) * kEdgeReach / std::numbers::sqrt2);
+    return values;
+  }();
+  if (!(x > -kEdgeReach)) return 0;
+  if (x >= kEdgeReach) return 1;
+  const double position = (x + kEdgeReach) * (kSteps / (2 * kEdgeReach));
+  const auto index = static_cast<std::size_t>(position);
+  return table[index] + (position - static_cast<double>(index)) * (table[index + 1] - table[index]);
+}
+
+/// The sheet on which a marker is printed, in lattice coordinates: (0, 0) is the top left corner of the black border,
+/// a to the right, b down, one unit a cell; the quiet zone lies around it.
+class PrintedMarker {
+ public:
+  /// Light that the blurred sheet sends to a point.
+  struct Sample {
+    double coverage = 0;   ///< share of the point that the sheet covers
+    double radiance = 0;   ///< what the sheet adds to the point, already weighted with the coverage
+    double clearance = 0;  ///< no point closer than this [cells, larger of the two axes] sees anything else
+  };
+
+  /// @param bits the cells inside the black border, 1 white
+  /// @param quiet_zone_cells width of the white rim around the border
+  /// @param black,white shares of the light that ink and paper send back
+  PrintedMarker(const CodeBits& bits, double quiet_zone_cells, double black, double white)
+      : cells_(static_cast<int>(bits.rows()) + 2), white_(white) {
+    const auto require = [](bool good, const char* field, double value) {
+      if (!good) throw std::invalid_argument(std::string("printed marker: ") + field + " is " + std::to_string(value));
+    };
+    require(bits.rows() > 0 && bits.rows() <= kMaxCells - 4, "number of code rows", static_cast<double>(bits.rows()));
+    require(bits.cols() == bits.rows(), "number of code columns", static_cast<double>(bits.cols()));
+    require(std::isfinite(quiet_zone_cells) && quiet_zone_cells >= 0, "quiet_zone_cells", quiet_zone_cells);
+    require(std::isfinite(black) && black > 0, "black", black);
+    require(std::isfinite(white) && white > 0, "white", white);
+
+    edges_.push_back(-quiet_zone_cells);
+    for (int i = 0; i <= cells_; ++i) edges_.push_back(i);
+    edges_.push_back(cells_ + quiet_zone_cells);
+    shades_.setConstant(cells_ + 2, cells_ + 2, white);
+    shades_.block(1, 1, cells_, cells_).setConstant(black);
+    for (Eigen::Index row = 0; row < bits.rows(); ++row)
+      for (Eigen::Index column = 0; column < bits.cols(); ++column)
+        shades_(row + 2, column + 2) = bits(row, column) != 0 ? white : black;
+  }
+
+  /// Cells along one side, border included.
+  int cells() const noexcept { return cells_; }
+  /// Lattice coordinates of the sheet's first and last edge.
+  double first_edge() const noexcept { return edges_.front(); }
+  double last_edge() const noexcept { return edges_.back(); }
+
+  /// The front of the sheet at (a, b) behind a Gaussian blur of the given sigmas [cells]; exact along straight edges,
+  /// and at corners where the lattice axes are perpendicular in the image.
+  Sample front(double a, double b, double sigma_a, double sigma_b) const {
+    const Weights columns(edges_, a, sigma_a), rows(edges_, b, sigma_b);
+    Sample sample;
+    if (columns.sum == 0 || rows.sum == 0) {
+      sample.clearance = distance_to_sheet(a, b);
+      return sample;
+    }
+    const double shade = shades_(rows.first, columns.first);
+    bool uniform = columns.sum == 1 && rows.sum == 1;
+    for (int row = rows.first; row <= rows.last; ++row) {
+      double light = 0;
+      for (int column = columns.first; column <= columns.last; ++column) {
+        light += columns.weight[static_cast<std::size_t>(column)] * shades_(row, column);
+        uniform = uniform && shades_(row, column) == shade;
+      }
+      sample.radiance += rows.weight[static_cast<std::size_t>(row)] * light;
+    }
+    sample.coverage = columns.sum * rows.sum;
+    if (uniform) {
+      sample.radiance = shade;  // free of rounding: a point inside a cell must not flicker
+      sample.clearance = distance_to_other_shade(a, b, shade);
+    }
+    return sample;
+  }
+
+  /// The blank back of the sheet.
+  Sample back(double a, double b, double sigma_a, double sigma_b) const {
+    const auto profile = [&](double x, double sigma) {
+      return edge_profile((x - first_edge()) / sigma) - edge_profile((x - last_edge()) / sigma);
+    };
+    const double coverage = profile(a, sigma_a) * profile(b, sigma_b);
+    double clearance = 0;
+    if (coverage == 0) clearance = distance_to_sheet(a, b);
+    if (coverage == 1) clearance = distance_to_rim(a, b);
+    return {coverage, coverage * white_, clearance};
+  }
+
+ private:
+  static constexpr int kMaxCells = 64;
+
+  // How much of a blurred point each column (or row) of the lattice takes.
+  struct Weights {
+    std::array<double, kMaxCells> weight;  // only first..last are set
+    int first, last;
+    double sum;
+
+    Weights(const std::vector<double>& edges, double x, double sigma) {
+      const int columns = static_cast<int>(edges.size()) - 1;
+      const double reach = kEdgeReach * sigma;
+      const auto column_at = [&](double position) {
+        return position < 0 ? 0 : position >= columns - 2 ? columns - 1 : 1 + static_cast<int>(position);
+      };
+      first = column_at(x - reach);
+      last = column_at(x + reach);
+      const double begin = edge_profile((x - edges[static_cast<std::size_t>(first)]) / sigma);
+      double left = begin;
+      for (int column = first; column <= last; ++column) {
+        const double right = edge_profile((x - edges[static_cast<std::size_t>(column) + 1]) / sigma);
+        weight[static_cast<std::size_t>(column)] = left - right;
+        left = right;
+      }
+      sum = begin - left;
+    }
+  };
+
+  double distance_to_sheet(double a, double b) const {
+    const auto outside = [&](double x) { return std::max({first_edge() - x, x - last_edge(), 0.0}); };
+    return std::max(outside(a), outside(b));
+  }
+
+  double distance_to_rim(double a, double b) const {
+    return std::min({a - first_edge(), last_edge() - a, b - first_edge(), last_edge() - b});
+  }
+
+  double distance_to_other_shade(double a, double b, double shade) const {
+    const auto gap = [&](double x, int column) {
+      return std::max(
+          {edges_[static_cast<std::size_t>(column)] - x, x - edges_[static_cast<std::size_t>(column) + 1], 0.0});
+    };
+    double distance = distance_to_rim(a, b);
+    for (int row = 0; row < cells_ + 2; ++row)
+      for (int column = 0; column < cells_ + 2; ++column)
+        if (shades_(row, column) != shade) distance = std::min(distance, std::max(gap(a, column), gap(b, row)));
+    return distance;
+  }
+
+  int cells_;
+  double white_;
+  std::vector<double> edges_;  // lattice lines, the sheet's own edges included
+  Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> shades_;
+};
+
+}  // namespace evmarker
