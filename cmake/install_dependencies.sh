@@ -30,7 +30,7 @@ done
 
 as_root=()
 if [ "$(id -u)" -ne 0 ]; then
-  command -v sudo >/dev/null && sudo --non-interactive true 2>/dev/null || fail "this needs root (and sudo asks for a password)"
+  command -v sudo >/dev/null && sudo --non-interactive true 2>/dev/null || fail "not root, and no sudo without a password"
   as_root=(sudo --non-interactive)
 fi
 
