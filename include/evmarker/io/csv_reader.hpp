@@ -1,0 +1,199 @@
+#pragma once
+// io. Text recordings, one event a line, as a source of events.
+#include <algorithm>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "evmarker/event.hpp"
+#include "evmarker/io/decimal.hpp"
+#include "evmarker/io/line_reader.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/text_layout.hpp"
+#include "evmarker/io/trigger_event.hpp"
+
+namespace evmarker::io {
+
+struct CsvReaderOptions {
+  /// For files that do not tell it; a file that does wins.
+  std::optional<SensorSize> sensor_size;
+  /// Subtracts the time of the first event from all.
+  bool shift_first_time_to_zero = false;
+  TextLayout layout;
+};
+
+/// Reads Metavision CSV (`x,y,p,t` [us], optional first line `%geometry:W,H`), RPG text (`t x y p`, t in seconds) and
+/// their relatives of any length in constant memory; an `EventSource`. Polarity is 0 or 1, or -1 or 1.
+class CsvReader {
+ public:
+  using event_type = Event;
+
+  /// @throws RecordingError where the file is missing, empty, no text of events or of unknown sensor size
+  /// @throws std::invalid_argument where the options name no usable columns
+  explicit CsvReader(std::filesystem::path path, CsvReaderOptions options = {})
+      : lines_(std::move(path)), shift_(options.shift_first_time_to_zero) {
+    if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");
+    text_ = recognize_text(lines_.lookahead(), options.layout);
+    require_columns(options.layout);
+    if (!text_.size) text_.size = options.sensor_size;
+    if (!text_.size)
+      throw RecordingError(lines_.path(),
+                           "no sensor size: put a first line '%geometry:WIDTH,HEIGHT' into the file or give the size "
+                           "in the options (sensor_size)");
+    if (text_.size->width < 1 || text_.size->height < 1)
+      throw std::invalid_argument("sensor_size is " + std::to_string(text_.size->width) + " x " +
+                                  std::to_string(text_.size->height) + ", must be positive");
+    for (std::size_t i = 0; i < text_.leading_lines; ++i) lines_.next();
+    batch_.reserve(kBatchEvents);
+  }
+
+  SensorSize sensor_size() const noexcept { return *text_.size; }
+  const RecognizedText& layout() const noexcept { return text_; }
+
+  /// The next events in the order of the file, valid until the next call; none at the end.
+  /// @throws RecordingError naming line and value where a line is malformed, after all events before it
+  std::span<const Event> next_batch() {
+    batch_.clear();
+    if (failure_) throw *failure_;
+    while (batch_.size() < kBatchEvents) {
+      const auto line = lines_.next();
+      if (!line) break;
+      try {
+        read(*line);
+      } catch (const RecordingError& error) {
+        if (!lines_.line_ended()) {  // the recording was cut in this line
+          statistics_.truncated_bytes += line->size();
+          break;
+        }
+        failure_ = error;
+        if (batch_.empty()) throw;
+        break;
+      }
+    }
+    statistics_.events += batch_.size();
+    return batch_;
+  }
+
+  /// Text recordings have none.
+  std::span<const TriggerEvent> triggers() const noexcept { return {}; }
+  RecordingStatistics statistics() const noexcept { return statistics_; }
+  /// Progress: bytes decoded so far and in the whole file (0 where that is not known).
+  std::uint64_t bytes_read() const noexcept { return lines_.bytes_read(); }
+  std::uint64_t bytes_total() const noexcept { return lines_.bytes_total(); }
+
+ private:
+  static constexpr std::size_t kBatchEvents = 8192;
+
+  struct Fields {
+    std::int64_t x = 0, y = 0, p = 0;
+    Timestamp t = 0;
+  };
+
+  void require_columns(const TextLayout& asked) const {
+    const auto once = [&](char name) { return std::ranges::count(text_.columns, name) == 1; };
+    if (once('x') && once('y') && once('p') && once('t')) return;
+    if (!asked.columns.empty())
+      throw std::invalid_argument("columns is '" + asked.columns + "', must hold x, y, p and t once each");
+    throw RecordingError(lines_.path(),
+                         "cannot tell the columns x, y, p, t: name them in the options (layout.columns, as 'xypt')");
+  }
+
+  void read(std::string_view line) {
+    const auto first = line.find_first_not_of(" \t");
+    if (first == std::string_view::npos || line[first] == '#' || line[first] == '%') return;
+    const Fields fields = parse(line);
+    if (fields.p < -1 || fields.p > 1) throw malformed("p", std::to_string(fields.p));
+    if (fields.x < 0 || fields.x >= text_.size->width || fields.y < 0 || fields.y >= text_.size->height) {
+      ++statistics_.off_sensor;
+      return;
+    }
+    if (has_last_ && fields.t < last_) ++statistics_.time_steps_back;
+    if (!has_last_ && shift_) shift_by_ = fields.t;
+    has_last_ = true;
+    last_ = fields.t;
+    batch_.push_back({static_cast<std::uint16_t>(fields.x), static_cast<std::uint16_t>(fields.y),
+                      static_cast<std::int16_t>(fields.p > 0 ? 1 : 0), fields.t - shift_by_});
+  }
+
+  Fields parse(std::string_view line) const {
+    Fields fields;
+    for (const char column : text_.columns) {
+      const std::string_view field = take_field(line);
+      switch (column) {
+        case 'x': fields.x = parse_integer(field, "x"); break;
+        case 'y': fields.y = parse_integer(field, "y"); break;
+        case 'p': fields.p = parse_integer(field, "p"); break;
+        case 't': fields.t = parse_time(field); break;
+        default: break;
+      }
+    }
+    if (!detail::trimmed(line).empty())
+      throw lines_.error("more than the " + std::to_string(text_.columns.size()) + " columns '" + text_.columns +
+                         "': '" + shortened(detail::trimmed(line)) + "'");
+    return fields;
+  }
+
+  // Cuts the first field off the line.
+  std::string_view take_field(std::string_view& line) const {
+    const auto is_blank = [](char c) { return c == ' ' || c == '\t'; };
+    const bool blank = is_blank(text_.separator);
+    const auto ends = [&](char c) { return blank ? is_blank(c) : c == text_.separator; };
+    const char* begin = line.data();
+    const char* const stop = begin + line.size();
+    while (begin != stop && is_blank(*begin)) ++begin;
+    const char* end = begin;
+    while (end != stop && !ends(*end)) ++end;
+    const char* const next = end == stop ? stop : end + 1;
+    while (end != begin && is_blank(end[-1])) --end;
+    line = {next, static_cast<std::size_t>(stop - next)};
+    return {begin, static_cast<std::size_t>(end - begin)};
+  }
+
+  std::int64_t parse_integer(std::string_view field, const char* name) const {
+    std::int64_t value = 0;
+    const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
+    if (error != std::errc{} || end != field.data() + field.size()) throw malformed(name, field);
+    return value;
+  }
+
+  Timestamp parse_time(std::string_view field) const {
+    Timestamp value = 0;
+    if (text_.time_unit == TimeUnit::microseconds) {
+      const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
+      if (error == std::errc{} && end == field.data() + field.size()) return value;
+    }
+    const auto exact = parse_decimal(field, text_.time_unit == TimeUnit::seconds ? 6 : 0);
+    if (!exact) throw malformed("t", field);
+    return *exact;
+  }
+
+  static std::string shortened(std::string_view text) {
+    return std::string(text.substr(0, 40)) + (text.size() > 40 ? "..." : "");
+  }
+
+  RecordingError malformed(const char* name, std::string_view value) const {
+    if (value.empty()) return lines_.error(std::string("no ") + name + " (columns '" + text_.columns + "')");
+    return lines_.error(std::string(name) + " is '" + shortened(value) + "'");
+  }
+
+  LineReader lines_;
+  bool shift_;
+  RecognizedText text_;
+  std::vector<Event> batch_;
+  std::optional<RecordingError> failure_;
+  RecordingStatistics statistics_;
+  bool has_last_ = false;
+  Timestamp last_ = 0, shift_by_ = 0;
+};
+
+}  // namespace evmarker::io

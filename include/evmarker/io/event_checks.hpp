@@ -1,0 +1,43 @@
+#pragma once
+// io. What writers demand of events.
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker::io {
+
+/// Rejects a sensor without pixels or with more than `max_side` a side.
+inline void require_sensor_size(SensorSize size, int max_side) {
+  const auto require = [&](const char* name, int value) {
+    if (value < 1 || value > max_side)
+      throw std::invalid_argument(std::string("sensor ") + name + " is " + std::to_string(value) +
+                                  " px, must be in 1.." + std::to_string(max_side));
+  };
+  require("width", size.width);
+  require("height", size.height);
+}
+
+/// Rejects events off the sensor and before time 0, naming the event by its number in the recording.
+/// @param number of the first of them, from 0
+inline void require_writable(std::span<const Event> events, SensorSize size, std::uint64_t number) {
+  for (const Event& event : events) {
+    const bool good = event.x < size.width && event.y < size.height && event.t >= 0;
+    if (!good) [[unlikely]] {
+      const std::string name = "event " + std::to_string(number);
+      if (event.x >= size.width)
+        throw std::invalid_argument(name + ": x is " + std::to_string(event.x) + " on a sensor of width " +
+                                    std::to_string(size.width));
+      if (event.y >= size.height)
+        throw std::invalid_argument(name + ": y is " + std::to_string(event.y) + " on a sensor of height " +
+                                    std::to_string(size.height));
+      throw std::invalid_argument(name + ": t is " + std::to_string(event.t) + " us, must not be negative");
+    }
+    ++number;
+  }
+}
+
+}  // namespace evmarker::io

@@ -1,0 +1,139 @@
+#pragma once
+// io. Any recording, by its content, as a source of events.
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+
+#include "evmarker/event.hpp"
+#include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/csv_reader.hpp"
+#include "evmarker/io/raw_reader.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/trigger_event.hpp"
+
+namespace evmarker::io {
+
+struct EventReaderOptions {
+  /// For recordings that do not tell it, as most text files; one that does wins.
+  std::optional<SensorSize> sensor_size;
+  bool shift_first_time_to_zero = false;
+  TextLayout text_layout;
+};
+
+enum class RecordingKind { raw, text };
+
+namespace detail {
+
+struct UnsupportedKind {
+  std::string_view name, magic, extensions;  // extensions each between blanks
+};
+
+inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
+    {"AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
+    {"HDF5", "\x89HDF\r\n\x1a\n", " .h5 .hdf5 "},
+    {"rosbag", "#ROSBAG V", " .bag "},
+    {"rosbag (MCAP)", "\x89MCAP0\r\n", " .mcap "},
+    {"rosbag (SQLite)", "SQLite format 3", " .db3 "},
+    {"NumPy", "\x93NUMPY", " .npy .npz "},
+    {"ZIP archive", "PK\x03\x04", " .zip "},
+}};
+
+inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
+  return {path, std::string(name) +
+                    " recordings are not supported yet; these are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
+                    "text (x,y,p,t or t x y p)"};
+}
+
+inline std::string lower_extension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+
+inline bool looks_like_text(std::string_view head) {
+  return std::ranges::none_of(
+      head, [](char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\r' && c != '\t'; });
+}
+
+}  // namespace detail
+
+/// What the file holds, by its content first and its extension second.
+/// @throws RecordingError where it is missing, empty or of a kind that is not supported
+inline RecordingKind recognize_recording(const std::filesystem::path& path) {
+  BlockReader blocks(path, 4096);
+  const auto bytes = blocks.next();
+  const std::string_view head(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (head.empty()) throw RecordingError(path, "the file is empty");
+  const std::string extension = detail::lower_extension(path);
+
+  for (const auto& kind : detail::kUnsupportedKinds)
+    if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
+  const bool prophesee = head.starts_with("% ");
+  const bool names_encoding = head.find("% evt ") != head.npos || head.find("% format ") != head.npos;
+  if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
+    throw detail::not_supported(path, "DAT");
+  if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
+  if (extension != ".raw" && detail::looks_like_text(head)) return RecordingKind::text;
+  if (extension == ".raw") return RecordingKind::raw;  // whose reader says what is wrong with it
+  if (extension == ".dat") throw detail::not_supported(path, "DAT");
+  for (const auto& kind : detail::kUnsupportedKinds)
+    if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)
+      throw detail::not_supported(path, kind.name);
+  throw detail::not_supported(path, "such");
+}
+
+/// Reads whatever `recognize_recording` knows; an `EventSource`.
+class EventReader {
+ public:
+  using event_type = Event;
+
+  /// @throws RecordingError where the file cannot be read
+  explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {})
+      : reader_(open(path, options)) {}
+
+  SensorSize sensor_size() const {
+    return std::visit([](const auto& reader) { return reader.sensor_size(); }, reader_);
+  }
+  /// The next events in the order of the file, valid until the next call; none at the end.
+  std::span<const Event> next_batch() {
+    return std::visit([](auto& reader) { return reader.next_batch(); }, reader_);
+  }
+  /// Trigger events among those of the last batch.
+  std::span<const TriggerEvent> triggers() const {
+    return std::visit([](const auto& reader) { return reader.triggers(); }, reader_);
+  }
+  RecordingStatistics statistics() const {
+    return std::visit([](const auto& reader) { return reader.statistics(); }, reader_);
+  }
+  std::uint64_t bytes_read() const {
+    return std::visit([](const auto& reader) { return reader.bytes_read(); }, reader_);
+  }
+  std::uint64_t bytes_total() const {
+    return std::visit([](const auto& reader) { return reader.bytes_total(); }, reader_);
+  }
+  RecordingKind kind() const noexcept {
+    return std::holds_alternative<RawReader>(reader_) ? RecordingKind::raw : RecordingKind::text;
+  }
+
+ private:
+  using Reader = std::variant<RawReader, CsvReader>;
+
+  static Reader open(const std::filesystem::path& path, const EventReaderOptions& options) {
+    if (recognize_recording(path) == RecordingKind::raw)
+      return RawReader(path, {options.sensor_size, options.shift_first_time_to_zero});
+    return CsvReader(path, {options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+  }
+
+  Reader reader_;
+};
+
+}  // namespace evmarker::io

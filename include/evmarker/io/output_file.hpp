@@ -1,0 +1,91 @@
+#pragma once
+// io. A file that appears under its name only when it is whole.
+#include <cerrno>
+#include <cstddef>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "evmarker/io/recording_error.hpp"
+
+namespace evmarker::io {
+
+/// Writes to `path.part` and renames it to `path` in `close()`; without that call (an exception on the way), the
+/// destructor removes the part. Devices and pipes are written directly.
+class OutputFile {
+ public:
+  /// @throws RecordingError where the file cannot be created
+  explicit OutputFile(std::filesystem::path path) : path_(std::move(path)), written_(path_) {
+    std::error_code error;
+    const auto status = std::filesystem::status(path_, error);
+    if (std::filesystem::is_directory(status)) throw RecordingError(path_, "is a directory");
+    if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) written_ += ".part";
+    errno = 0;
+    file_.open(written_, std::ios::binary | std::ios::trunc);
+    if (!file_) throw failure("cannot create");
+  }
+
+  ~OutputFile() { discard(); }
+  OutputFile(OutputFile&&) = default;
+  OutputFile& operator=(OutputFile&& other) {
+    discard();
+    path_ = std::move(other.path_);
+    written_ = std::move(other.written_);
+    file_ = std::move(other.file_);
+    return *this;
+  }
+
+  /// @throws RecordingError where the disk is full or the file was closed
+  void write(std::span<const std::byte> bytes) {
+    errno = 0;
+    if (!file_.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size())))
+      throw failure("cannot write");
+  }
+  void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
+
+  /// Makes the file appear under its name; calling it again does nothing.
+  void close() {
+    if (!file_.is_open()) return;
+    errno = 0;
+    file_.close();
+    if (!file_) {
+      const RecordingError error = failure("cannot write");
+      remove_part();
+      throw error;
+    }
+    if (written_ == path_) return;
+    std::error_code error;
+    std::filesystem::rename(written_, path_, error);
+    if (!error) return;
+    remove_part();
+    throw RecordingError(path_, "cannot rename " + written_.filename().string() + ": " + error.message());
+  }
+
+  bool is_open() const noexcept { return file_.is_open(); }
+  const std::filesystem::path& path() const noexcept { return path_; }
+
+ private:
+  RecordingError failure(const std::string& what) const {
+    return {path_, errno == 0 ? what : what + ": " + std::generic_category().message(errno)};
+  }
+
+  void discard() noexcept {
+    if (!file_.is_open()) return;
+    file_.close();
+    remove_part();
+  }
+
+  void remove_part() noexcept {
+    std::error_code ignored;
+    if (written_ != path_) std::filesystem::remove(written_, ignored);
+  }
+
+  std::filesystem::path path_, written_;
+  std::ofstream file_;
+};
+
+}  // namespace evmarker::io

@@ -1,0 +1,51 @@
+#pragma once
+// io. How poses stand in text files: columns, numbers, times.
+#include <Eigen/Geometry>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker::io {
+
+/// First line of a pose table: metres and unit quaternion of `T_camera_marker`.
+inline constexpr std::string_view kPoseCsvHeader =
+    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
+
+/// Appends the shortest text that reads back as the same number; `nan` without sign.
+inline void append_number(std::string& text, double value) {
+  if (std::isnan(value)) {
+    text += "nan";
+    return;
+  }
+  std::array<char, 32> digits{};
+  text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
+}
+
+/// Appends microseconds as seconds with six places, exactly.
+inline void append_seconds(std::string& text, Timestamp t) {
+  const std::uint64_t magnitude = t < 0 ? ~static_cast<std::uint64_t>(t) + 1 : static_cast<std::uint64_t>(t);
+  const std::string fraction = std::to_string(magnitude % 1000000);
+  if (t < 0) text += '-';
+  text += std::to_string(magnitude / 1000000) + '.' + std::string(6 - fraction.size(), '0') + fraction;
+}
+
+/// Appends `tx ty tz qx qy qz qw`, with w >= 0.
+inline void append_pose(std::string& text, const Eigen::Isometry3d& pose, char separator) {
+  Eigen::Quaterniond q(pose.linear());
+  q.normalize();
+  if (q.w() < 0) q.coeffs() = -q.coeffs();
+  const Eigen::Vector3d& p = pose.translation();
+  const std::array values{p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w()};
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (i > 0) text += separator;
+    append_number(text, values[i]);
+  }
+}
+
+}  // namespace evmarker::io

@@ -1,0 +1,194 @@
+#pragma once
+// io. Reads poses back: tables of all markers (CSV), trajectories of one (TUM), ground truth of either form.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstddef>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "evmarker/io/decimal.hpp"
+#include "evmarker/io/line_reader.hpp"
+#include "evmarker/io/pose_format.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/text_layout.hpp"
+#include "evmarker/io/trajectory.hpp"
+#include "evmarker/pose.hpp"
+
+namespace evmarker::io {
+
+namespace detail {
+
+inline RecordingError bad_field(const LineReader& lines, std::string_view name, std::string_view value) {
+  return lines.error(std::string(name) + " is '" + std::string(value.substr(0, 40)) + "'");
+}
+
+template <typename Number>
+Number parse_number(const LineReader& lines, std::string_view name, std::string_view text) {
+  Number value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) throw bad_field(lines, name, text);
+  return value;
+}
+
+/// From `tx ty tz qx qy qz qw`.
+inline Eigen::Isometry3d parse_pose(const LineReader& lines, const std::array<std::string_view, 7>& fields) {
+  constexpr std::array<std::string_view, 7> names{"tx", "ty", "tz", "qx", "qy", "qz", "qw"};
+  std::array<double, 7> v{};
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    v[i] = parse_number<double>(lines, names[i], fields[i]);
+    if (!std::isfinite(v[i])) throw bad_field(lines, names[i], fields[i]);
+  }
+  Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
+  if (std::abs(q.norm() - 1) > 1e-2)
+    throw lines.error("quaternion has length " + std::to_string(q.norm()) + ", must be 1");
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.translation() = Eigen::Vector3d(v[0], v[1], v[2]);
+  pose.linear() = q.normalized().toRotationMatrix();
+  return pose;
+}
+
+inline bool is_comment(std::string_view line) {
+  const std::string_view text = trimmed(line);
+  return text.empty() || text.front() == '#';
+}
+
+inline TrackingState parse_state(const LineReader& lines, std::string_view text) {
+  for (const auto state : {TrackingState::converging, TrackingState::tracking, TrackingState::lost})
+    if (text == to_string(state)) return state;
+  throw bad_field(lines, "state", text);
+}
+
+}  // namespace detail
+
+/// Reads lines `t tx ty tz qx qy qz qw` (t in seconds; `#` begins a comment).
+/// @throws RecordingError naming the line that is malformed or goes back in time
+inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
+  LineReader lines(path);
+  std::vector<TimedPose> poses;
+  while (const auto line = lines.next()) {
+    if (detail::is_comment(*line)) continue;
+    const auto fields = detail::split(*line, ' ');
+    if (fields.size() != 8)
+      throw lines.error("has " + std::to_string(fields.size()) + " numbers, not the 8 of 't tx ty tz qx qy qz qw'");
+    const auto t = parse_decimal(fields[0], 6);
+    if (!t) throw detail::bad_field(lines, "t", fields[0]);
+    if (!poses.empty() && *t <= poses.back().t)
+      throw lines.error("t is '" + std::string(fields[0]) + "', not after the line before");
+    std::array<std::string_view, 7> pose;
+    std::copy(fields.begin() + 1, fields.end(), pose.begin());
+    poses.push_back({*t, detail::parse_pose(lines, pose)});
+  }
+  return poses;
+}
+
+/// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those of kPoseCsvHeader, `state` and
+/// all behind `qw` may be missing (then `tracking`, 0 and NaN).
+/// @throws RecordingError naming the line and value that is malformed
+inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
+  LineReader lines(path);
+  std::vector<std::string> names;
+  while (names.empty()) {
+    const auto line = lines.next();
+    if (!line) throw RecordingError(path, "no poses: the file is empty");
+    if (detail::is_comment(*line)) continue;
+    for (const std::string_view name : detail::split(*line, ',')) names.emplace_back(name);
+  }
+  const auto column = [&](std::string_view name) {
+    return static_cast<std::size_t>(std::ranges::find(names, name) - names.begin());
+  };
+  constexpr std::array<std::string_view, 9> required{"t_us", "marker_id", "tx", "ty", "tz", "qx", "qy", "qz", "qw"};
+  std::array<std::size_t, 9> at{};
+  for (std::size_t i = 0; i < required.size(); ++i)
+    if ((at[i] = column(required[i])) == names.size())
+      throw lines.error("no column '" + std::string(required[i]) + "'");
+  const std::size_t state = column("state"), matched = column("matched");
+  const std::array<std::string_view, 3> errors{"residual_px", "backtrack_px", "backtrack_rad"};
+
+  std::vector<PoseEstimate> poses;
+  while (const auto line = lines.next()) {
+    if (detail::is_comment(*line)) continue;
+    const auto fields = detail::split(*line, ',');
+    if (fields.size() != names.size())
+      throw lines.error("has " + std::to_string(fields.size()) + " columns, not " + std::to_string(names.size()));
+    PoseEstimate pose;
+    pose.t = detail::parse_number<Timestamp>(lines, "t_us", fields[at[0]]);
+    pose.id = detail::parse_number<MarkerId>(lines, "marker_id", fields[at[1]]);
+    std::array<std::string_view, 7> numbers;
+    for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = fields[at[i + 2]];
+    pose.T_camera_marker = detail::parse_pose(lines, numbers);
+    auto& quality = pose.quality;
+    quality.state = state < names.size() ? detail::parse_state(lines, fields[state]) : TrackingState::tracking;
+    if (matched < names.size()) quality.matched = detail::parse_number<int>(lines, "matched", fields[matched]);
+    const std::array<double*, 3> targets{&quality.residual_px, &quality.backtrack_px, &quality.backtrack_rad};
+    for (std::size_t i = 0; i < errors.size(); ++i)
+      if (const auto found = column(errors[i]); found < names.size())
+        *targets[i] = detail::parse_number<double>(lines, errors[i], fields[found]);
+    poses.push_back(pose);
+  }
+  return poses;
+}
+
+/// True poses of one marker or many, for comparison.
+class GroundTruth {
+ public:
+  /// Reads TUM (one marker, whatever its id) or a pose table with marker ids; rows in state `lost` hold no truth.
+  /// @throws RecordingError where the file is malformed, empty or goes back in time
+  static GroundTruth read(const std::filesystem::path& path) {
+    GroundTruth truth;
+    if (!holds_pose_table(path)) {
+      auto poses = read_tum(path);
+      if (poses.empty()) throw RecordingError(path, "no poses");
+      truth.any_marker_ = Trajectory(std::move(poses));
+      return truth;
+    }
+    std::map<MarkerId, std::vector<TimedPose>> poses;
+    for (const PoseEstimate& pose : read_pose_csv(path))
+      if (pose.quality.state != TrackingState::lost) poses[pose.id].push_back({pose.t, pose.T_camera_marker});
+    if (poses.empty()) throw RecordingError(path, "no poses");
+    for (auto& [id, samples] : poses) {
+      try {
+        truth.markers_.emplace(id, Trajectory(std::move(samples)));
+      } catch (const std::invalid_argument& error) {
+        throw RecordingError(path, "marker " + std::to_string(id) + ": " + error.what());
+      }
+    }
+    return truth;
+  }
+
+  /// Pose of marker `id` at `t` [us]; nothing where the truth does not tell.
+  std::optional<Eigen::Isometry3d> at(MarkerId id, Timestamp t) const {
+    if (any_marker_) return any_marker_->at(t);
+    const auto found = markers_.find(id);
+    return found == markers_.end() ? std::nullopt : found->second.at(t);
+  }
+
+  /// The markers that the file names; none for TUM.
+  std::vector<MarkerId> ids() const {
+    std::vector<MarkerId> ids;
+    for (const auto& [id, trajectory] : markers_) ids.push_back(id);
+    return ids;
+  }
+
+ private:
+  static bool holds_pose_table(const std::filesystem::path& path) {
+    LineReader lines(path);
+    while (const auto line = lines.next())
+      if (!detail::is_comment(*line)) return line->find(',') != std::string_view::npos;
+    throw RecordingError(path, "no poses: the file is empty");
+  }
+
+  std::map<MarkerId, Trajectory> markers_;
+  std::optional<Trajectory> any_marker_;
+};
+
+}  // namespace evmarker::io

@@ -1,0 +1,137 @@
+#pragma once
+// io. Prophesee RAW recordings (EVT2, EVT2.1, EVT3) as a source of events.
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "evmarker/event.hpp"
+#include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/evt2.hpp"
+#include "evmarker/io/evt21.hpp"
+#include "evmarker/io/evt3.hpp"
+#include "evmarker/io/raw_header.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/trigger_event.hpp"
+
+namespace evmarker::io {
+
+struct RawReaderOptions {
+  /// For recordings whose header does not tell it; a header that does wins.
+  std::optional<SensorSize> sensor_size;
+  /// Subtracts the time of the first event or trigger from all, as OpenEB does unless told not to.
+  bool shift_first_time_to_zero = false;
+};
+
+/// Reads a recording of any length in constant memory; an `EventSource`. A recording that was cut yields every whole
+/// event before the cut and says so in its statistics.
+class RawReader {
+ public:
+  using event_type = Event;
+
+  /// @throws RecordingError where the file is missing, empty or no RAW recording of a supported encoding
+  explicit RawReader(std::filesystem::path path, RawReaderOptions options = {})
+      : blocks_(std::move(path)), options_(options), decoder_(Evt3Decoder({})) {
+    rest_ = blocks_.next();
+    if (rest_.empty()) throw RecordingError(blocks_.path(), "the file is empty");
+    header_ = parse_raw_header({reinterpret_cast<const char*>(rest_.data()), rest_.size()}, blocks_.path());
+    if (!header_.size) header_.size = options_.sensor_size;
+    if (!header_.size)
+      throw RecordingError(blocks_.path(), "its header has no sensor size: give it in the options (sensor_size)", 0);
+    require_addressable(*header_.size);
+    if (header_.format == RawFormat::evt2) decoder_ = Evt2Decoder(*header_.size);
+    if (header_.format == RawFormat::evt21) decoder_ = Evt21Decoder(*header_.size, header_.halves_swapped);
+    if (header_.format == RawFormat::evt3) decoder_ = Evt3Decoder(*header_.size);
+    skip(header_.bytes);
+    word_bytes_ = std::visit([](const auto& d) { return d.kWordBytes; }, decoder_);
+    const auto per_word = std::visit([](const auto& d) { return d.kMaxEventsPerWord; }, decoder_);
+    room_.resize(kChunkBytes / word_bytes_ * per_word);
+  }
+
+  const RawHeader& header() const noexcept { return header_; }
+  SensorSize sensor_size() const noexcept { return *header_.size; }
+
+  /// The next events in the order of the file, valid until the next call; none at the end.
+  /// @throws RecordingError where the device fails
+  std::span<const Event> next_batch() {
+    triggers_.clear();
+    std::size_t count = 0;
+    while (count == 0 && fill()) {
+      const auto chunk = rest_.first(std::min(kChunkBytes, rest_.size() / word_bytes_ * word_bytes_));
+      count = std::visit([&](auto& d) { return d.decode(chunk, std::span(room_), triggers_); }, decoder_);
+      skip(chunk.size());
+    }
+    const std::span batch = std::span(room_).first(count);
+    if (options_.shift_first_time_to_zero) shift_time(batch);
+    return batch;
+  }
+
+  /// Trigger events that stand in the file among those of the last batch, or behind the last event.
+  std::span<const TriggerEvent> triggers() const noexcept { return triggers_; }
+
+  RecordingStatistics statistics() const {
+    auto statistics = std::visit([](const auto& d) { return d.statistics(); }, decoder_);
+    statistics.truncated_bytes = truncated_bytes_;
+    return statistics;
+  }
+
+  /// Progress: bytes decoded so far and in the whole file (0 where that is not known).
+  std::uint64_t bytes_read() const noexcept { return bytes_read_; }
+  std::uint64_t bytes_total() const noexcept { return blocks_.bytes_total(); }
+
+ private:
+  static constexpr std::size_t kChunkBytes = std::size_t{1} << 14;  // its events stay in the cache
+
+  void require_addressable(SensorSize size) const {
+    const auto fits = [](int side) { return side >= 1 && side <= 2048; };
+    if (!fits(size.width) || !fits(size.height))
+      throw RecordingError(blocks_.path(), "sensor size is " + std::to_string(size.width) + " x " +
+                                               std::to_string(size.height) + " px, RAW words address 1..2048 a side");
+  }
+
+  // Whether a whole word is there.
+  bool fill() {
+    if (rest_.size() < word_bytes_ && !blocks_.at_end()) {
+      rest_ = blocks_.next(rest_.size());
+      if (rest_.size() < word_bytes_ && !blocks_.at_end()) return fill();
+    }
+    if (rest_.size() >= word_bytes_) return true;
+    truncated_bytes_ += rest_.size();
+    skip(rest_.size());
+    return false;
+  }
+
+  void skip(std::size_t bytes) noexcept {
+    rest_ = rest_.subspan(bytes);
+    bytes_read_ += bytes;
+  }
+
+  void shift_time(std::span<Event> batch) {
+    if (!first_time_) {
+      if (!batch.empty()) first_time_ = batch.front().t;
+      if (!triggers_.empty()) first_time_ = std::min(first_time_.value_or(triggers_.front().t), triggers_.front().t);
+    }
+    for (Event& event : batch) event.t -= *first_time_;
+    for (TriggerEvent& trigger : triggers_) trigger.t -= *first_time_;
+  }
+
+  BlockReader blocks_;
+  RawReaderOptions options_;
+  RawHeader header_;
+  std::variant<Evt2Decoder, Evt21Decoder, Evt3Decoder> decoder_;
+  std::size_t word_bytes_ = 2;
+  std::span<const std::byte> rest_;
+  std::vector<Event> room_;
+  std::vector<TriggerEvent> triggers_;
+  std::optional<Timestamp> first_time_;
+  std::uint64_t bytes_read_ = 0, truncated_bytes_ = 0;
+};
+
+}  // namespace evmarker::io

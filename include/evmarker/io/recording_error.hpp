@@ -1,0 +1,34 @@
+#pragma once
+// io. The one error of readers and writers: which file, where in it, what is wrong.
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace evmarker::io {
+
+/// A recording or pose file that cannot be read or written; `what()` is one line: `path: reason (byte n)`.
+class RecordingError : public std::runtime_error {
+ public:
+  /// @param byte_offset where in the file; nothing where the file as a whole is meant
+  RecordingError(std::filesystem::path path, std::string reason,
+                 std::optional<std::uint64_t> byte_offset = std::nullopt)
+      : std::runtime_error(path.string() + ": " + reason +
+                           (byte_offset ? " (byte " + std::to_string(*byte_offset) + ")" : "")),
+        path_(std::move(path)),
+        reason_(std::move(reason)),
+        byte_offset_(byte_offset) {}
+
+  const std::filesystem::path& path() const noexcept { return path_; }
+  const std::string& reason() const noexcept { return reason_; }
+  std::optional<std::uint64_t> byte_offset() const noexcept { return byte_offset_; }
+
+ private:
+  std::filesystem::path path_;
+  std::string reason_;
+  std::optional<std::uint64_t> byte_offset_;
+};
+
+}  // namespace evmarker::io
