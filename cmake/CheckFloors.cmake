@@ -10,7 +10,7 @@ set(always_allowed "^([a-z0-9_]+|Eigen/[A-Za-z]+)$") # what stands between < and
 set(folder_may_include_io "^$")
 set(folder_may_include_opencv "^opencv2/[a-z0-9_/]+\\.hpp$")
 
-set(root ${INCLUDE_DIR}/evmarker)
+get_filename_component(root ${INCLUDE_DIR}/evmarker ABSOLUTE)
 file(GLOB_RECURSE headers RELATIVE ${root} ${root}/*)
 if(NOT headers)
   message(FATAL_ERROR "CheckFloors: no headers in '${root}'")

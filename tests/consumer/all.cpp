@@ -1,12 +1,27 @@
 // What a program that reads recordings and detects markers includes.
-#include <opencv2/aruco.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <thread>
+#include <cstdio>
+#include <vector>
 
 #include "evmarker/camera.hpp"
+#include "evmarker/io/event_reader.hpp"
+#include "evmarker/io/raw_writer.hpp"
+#include "evmarker/opencv/aruco_detector.hpp"
+#include "evmarker/polarity_frame.hpp"
 
 int main() {
-  std::thread([] {}).join();
-  const cv::Ptr<cv::aruco::Dictionary> dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_4X4_50);
-  return dictionary->bytesList.rows == 50 ? 0 : 1;
+  const std::vector<evmarker::Event> events{{1, 2, 1, 100}, {3, 4, 0, 200}};
+  evmarker::io::RawWriter writer("consumer.raw", {640, 480});
+  writer.write(events);
+  writer.close();
+
+  evmarker::io::EventReader reader("consumer.raw");
+  const auto batch = reader.next_batch();
+  const bool same = std::vector(batch.begin(), batch.end()) == events;
+
+  const evmarker::PinholeCamera camera{{640, 480}, 533, 533, 319.5, 239.5};
+  evmarker::opencv::ArucoDetector detector(camera, {.dictionary = "DICT_4X4_50", .marker_length = 0.10});
+  const auto detections = detector.detect(evmarker::PolarityFrame(camera.sensor_size()));
+
+  std::printf("recording %s, %zu markers in an empty frame\n", same ? "read back" : "differs", detections.size());
+  return same && detections.empty() ? 0 : 1;
 }
