@@ -19,11 +19,11 @@ class EventPixel {
  public:
   /// Starts settled at a log intensity.
   EventPixel(double log_intensity, double threshold_on, double threshold_off) noexcept
-      : input_(log_intensity),
-        level_(log_intensity),
-        memory_(log_intensity),
-        threshold_on_(threshold_on),
-        threshold_off_(threshold_off) {}
+      : input_(static_cast<float>(log_intensity)),
+        level_(input_),
+        memory_(input_),
+        threshold_on_(static_cast<float>(threshold_on)),
+        threshold_off_(static_cast<float>(threshold_off)) {}
 
   /// Goes from t0 to t1 while the log intensity goes in a straight line from where it was to `log_intensity`.
   /// @param emit `double emit(double t, bool on)` takes an event and returns the time at which it left the pixel, not
@@ -36,27 +36,29 @@ class EventPixel {
       if (dead_until_ != kAlive) {
         if (dead_until_ >= t1) break;
         t = std::fmax(t, dead_until_);
-        memory_ = ramp.level(t);
+        memory_ = static_cast<float>(ramp.level(t));
         dead_until_ = kAlive;
       }
-      const bool on = end_level >= memory_ + threshold_on_;
-      if (!on && !(end_level <= memory_ - threshold_off_)) break;
-      t = ramp.crossing(t, t1, on ? memory_ + threshold_on_ : memory_ - threshold_off_);
+      const double upper = static_cast<double>(memory_) + threshold_on_;
+      const double lower = static_cast<double>(memory_) - threshold_off_;
+      const bool on = end_level >= upper;
+      if (!on && !(end_level <= lower)) break;
+      t = ramp.crossing(t, t1, on ? upper : lower);
       dead_until_ = emit(t, on) + dynamics.refractory_us;
     }
-    input_ = log_intensity;
-    level_ = end_level;
+    input_ = static_cast<float>(log_intensity);
+    level_ = static_cast<float>(end_level);
   }
 
   /// Fires without a cause at time t, up to which the pixel has been advanced; a dead pixel does not.
   template <typename Emit>
   void fire(double t, bool on, const EventPixelDynamics& dynamics, Emit&& emit) {
-    if (dead_until_ == kAlive || dead_until_ < t) dead_until_ = emit(t, on) + dynamics.refractory_us;
+    if (dead_until_ == kAlive || dead_until_ <= t) dead_until_ = emit(t, on) + dynamics.refractory_us;
   }
 
   /// Under constant light: takes the last rest of the low-pass as done, if it is small, and says whether it was.
   bool settle() noexcept {
-    if (std::abs(level_ - input_) > 1e-4) return false;
+    if (std::abs(level_ - input_) > 1e-4f) return false;
     level_ = input_;
     return true;
   }
@@ -107,8 +109,9 @@ class EventPixel {
     double t0_, input0_, slope_, time_constant_, transient_;
   };
 
-  double input_, level_, memory_;
-  double threshold_on_, threshold_off_;
+  // Single precision for what is stored, so that many pixels fit the processor's cache; nothing accumulates in it.
+  float input_, level_, memory_;
+  float threshold_on_, threshold_off_;
   double dead_until_ = kAlive;
 };
 

@@ -14,7 +14,7 @@ namespace evmarker {
 
 /// Integral of the normal distribution: the profile of a straight edge behind a Gaussian blur of sigma 1. Exactly 0 and
 /// 1 beyond `kEdgeReach`; tabulated, to 1e-6.
-inline constexpr double kEdgeReach = 4.5;
+inline constexpr double kEdgeReach = 4;
 
 inline double edge_profile(double x) {
   static constexpr int kSteps = 4096;
@@ -94,7 +94,7 @@ class PrintedMarker {
     sample.coverage = columns.sum * rows.sum;
     if (uniform) {
       sample.radiance = shade;  // free of rounding: a point inside a cell must not flicker
-      sample.clearance = distance_to_other_shade(a, b, shade);
+      sample.clearance = distance_to_other_shade(a, b, rows.first, columns.first);
     }
     return sample;
   }
@@ -148,17 +148,21 @@ class PrintedMarker {
     return std::min({a - first_edge(), last_edge() - a, b - first_edge(), last_edge() - b});
   }
 
-  double distance_to_other_shade(double a, double b, double shade) const {
-    const auto gap = [&](double x, int column) {
-      return std::max(
-          {edges_[static_cast<std::size_t>(column)] - x, x - edges_[static_cast<std::size_t>(column) + 1], 0.0});
-    };
+  // Looks no farther than the neighbouring cells: enough to let a point rest for a while, and quick.
+  double distance_to_other_shade(double a, double b, int row, int column) const {
     double distance = distance_to_rim(a, b);
-    for (int row = 0; row < cells_ + 2; ++row)
-      for (int column = 0; column < cells_ + 2; ++column)
-        if (shades_(row, column) != shade) distance = std::min(distance, std::max(gap(a, column), gap(b, row)));
-    return distance;
+    const int first_row = std::max(row - 1, 0), last_row = std::min(row + 1, cells_ + 1);
+    const int first_column = std::max(column - 1, 0), last_column = std::min(column + 1, cells_ + 1);
+    const auto gap = [&](double x, int i) { return std::max({edge(i) - x, x - edge(i + 1), 0.0}); };
+    for (int r = first_row; r <= last_row; ++r)
+      for (int c = first_column; c <= last_column; ++c)
+        if (shades_(r, c) != shades_(row, column)) distance = std::min(distance, std::max(gap(a, c), gap(b, r)));
+    const double unseen =
+        std::min({a - edge(first_column), edge(last_column + 1) - a, b - edge(first_row), edge(last_row + 1) - b});
+    return std::min(distance, unseen);
   }
+
+  double edge(int i) const { return edges_[static_cast<std::size_t>(i)]; }
 
   int cells_;
   double white_;

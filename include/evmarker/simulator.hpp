@@ -49,10 +49,8 @@ class Simulator {
         frame_(renderer_.at(0)),
         noise_(settings.seed, kNoiseStream) {
     const auto [width, height] = camera.sensor_size();
-    tile_columns_ = (width + kTile - 1) / kTile;
-    tile_wake_.assign(static_cast<std::size_t>(tile_columns_ * ((height + kTile - 1) / kTile)), kNow);
     wake_.assign(static_cast<std::size_t>(width * height), kNow);
-    noisy_.assign(wake_.size(), 0);
+    run_wake_.assign((wake_.size() + kRun - 1) / kRun, kNow);
     pixels_.reserve(wake_.size());
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) pixels_.push_back(make_pixel(x, y));
@@ -91,10 +89,10 @@ class Simulator {
   std::vector<float> render(Timestamp t) const { return renderer_.render(static_cast<double>(t) * 1e-6); }
 
  private:
-  static constexpr int kTile = 16;
+  static constexpr std::size_t kRun = 64;
   static constexpr int kStepsPerBatch = 16;
   static constexpr double kShortestStepUs = 1;
-  static constexpr double kNow = -1;  // a wake distance that is always reached
+  static constexpr float kNow = -1, kNoisy = -2;  // wake distances that are always reached
   static constexpr std::uint64_t kThresholdStream = 1, kNoiseStream = 2, kLatencyStream = 3;
 
   struct TimedEvent {
@@ -146,9 +144,8 @@ class Simulator {
     const auto next = choose_step();
     const double t0 = now_us_, t1 = std::min(next.seconds * 1e6, end_us_);
     draw_noise(t1);
-    for (std::size_t tile = 0; tile < tile_wake_.size(); ++tile)
-      if (tile_wake_[tile] < moved_px_) advance_tile(tile, next, t0, t1);
-    for (const auto& noise : step_noise_) noisy_[noise.pixel] = 0;
+    for (std::size_t run = 0; run < run_wake_.size(); ++run)
+      if (run_wake_[run] < moved_px_) advance_run(run, next, t0, t1);
     frame_ = next;
     now_us_ = t1;
     release_events();
@@ -163,16 +160,18 @@ class Simulator {
         continue;
       }
       step_us_ = step;
-      moved_px_ += motion;
+      moved_px_ += static_cast<float>(motion);
       peak_speed_px_per_s_ = std::max(peak_speed_px_per_s_, motion / step * 1e6);
-      if (renderer_.appearance_changes(frame_, next)) wake_all();
+      // Single precision is fine up to some ten thousand pixels: then count from 0 again.
+      if (renderer_.appearance_changes(frame_, next) || moved_px_ > 1e4f) wake_all();
       return next;
     }
   }
 
   void wake_all() {
+    moved_px_ = 0;
     std::fill(wake_.begin(), wake_.end(), kNow);
-    std::fill(tile_wake_.begin(), tile_wake_.end(), kNow);
+    std::fill(run_wake_.begin(), run_wake_.end(), kNow);
   }
 
   void draw_noise(double until_us) {
@@ -180,30 +179,24 @@ class Simulator {
     for (; next_noise_us_ < until_us; next_noise_us_ += noise_interval_us()) {
       const auto pixel = static_cast<std::size_t>(noise_.uniform() * static_cast<double>(wake_.size()));
       step_noise_.push_back({pixel, next_noise_us_, noise_.bits() >> 63 != 0});
-      noisy_[pixel] = 1;
-      wake_[pixel] = kNow;
-      const auto width = static_cast<std::size_t>(sensor_size().width);
-      tile_wake_[pixel / width / kTile * static_cast<std::size_t>(tile_columns_) + pixel % width / kTile] = kNow;
+      wake_[pixel] = kNoisy;
+      run_wake_[pixel / kRun] = kNoisy;
     }
   }
 
-  void advance_tile(std::size_t tile, const SceneRenderer::Frame& next, double t0, double t1) {
-    const auto [width, height] = sensor_size();
-    const int left = static_cast<int>(tile) % tile_columns_ * kTile,
-              top = static_cast<int>(tile) / tile_columns_ * kTile;
-    double tile_wake = std::numeric_limits<double>::infinity();
-    for (int y = top; y < std::min(top + kTile, height); ++y)
-      for (int x = left; x < std::min(left + kTile, width); ++x) {
-        double& wake = wake_[static_cast<std::size_t>(y * width + x)];
-        if (wake < moved_px_) wake = advance_pixel(x, y, next, t0, t1);
-        tile_wake = std::min(tile_wake, wake);
-      }
-    tile_wake_[tile] = tile_wake;
+  void advance_run(std::size_t run, const SceneRenderer::Frame& next, double t0, double t1) {
+    float run_wake = std::numeric_limits<float>::infinity();
+    for (std::size_t i = run * kRun; i < std::min((run + 1) * kRun, wake_.size()); ++i) {
+      if (wake_[i] < moved_px_) wake_[i] = advance_pixel(i, next, t0, t1);
+      run_wake = std::min(run_wake, wake_[i]);
+    }
+    run_wake_[run] = run_wake;
   }
 
   // Returns the distance moved at which the pixel must be looked at again.
-  double advance_pixel(int x, int y, const SceneRenderer::Frame& next, double t0, double t1) {
-    const auto index = static_cast<std::size_t>(y * sensor_size().width + x);
+  float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1) {
+    const int width = sensor_size().width;
+    const int x = static_cast<int>(index) % width, y = static_cast<int>(index) / width;
     EventPixel& pixel = pixels_[index];
     const EventPixelDynamics dynamics{settings_.pixel_time_constant_us, settings_.refractory_us};
     const auto emit = [&](double t, bool on) {
@@ -220,7 +213,7 @@ class Simulator {
     const auto sample = renderer_.sample(next, x, y);
     const double end = std::log(sample.intensity), start = pixel.log_intensity();
     double t = t0;
-    if (noisy_[index] != 0)
+    if (wake_[index] == kNoisy)
       for (const auto& noise : step_noise_) {
         if (noise.pixel != index || noise.t <= t) continue;
         pixel.advance(t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), dynamics, emit);
@@ -228,7 +221,7 @@ class Simulator {
         t = noise.t;
       }
     if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
-    return sample.clearance_px > 0 && pixel.settle() ? moved_px_ + sample.clearance_px : kNow;
+    return sample.clearance_px > 0 && pixel.settle() ? moved_px_ + static_cast<float>(sample.clearance_px) : kNow;
   }
 
   // Events that leave their pixels by now; later steps make none that is earlier.
@@ -249,18 +242,16 @@ class Simulator {
   double end_us_;
   double step_us_;
   SceneRenderer::Frame frame_;  // at now
-  double moved_px_ = 0;         // sum of the steps' motions
+  float moved_px_ = 0;          // sum of the steps' motions
   double peak_speed_px_per_s_ = 0;
 
   std::vector<EventPixel> pixels_;
-  std::vector<double> wake_;       // per pixel: asleep until so much has moved
-  std::vector<double> tile_wake_;  // the least of each tile
-  int tile_columns_ = 0;
+  std::vector<float> wake_;      // per pixel: asleep until so much has moved
+  std::vector<float> run_wake_;  // the least of each run of pixels
 
   Random noise_;
   double next_noise_us_ = 0;
   std::vector<NoiseEvent> step_noise_;
-  std::vector<std::uint8_t> noisy_;  // per pixel: has noise in this step
 
   std::vector<TimedEvent> waiting_;
   std::vector<Event> batch_;
