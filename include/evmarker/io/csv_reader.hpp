@@ -26,10 +26,10 @@ namespace evmarker::io {
 
 struct CsvReaderOptions {
   /// For files that do not tell it; a file that does wins.
-  std::optional<SensorSize> sensor_size;
+  std::optional<SensorSize> sensor_size = std::nullopt;
   /// Subtracts the time of the first event from all.
   bool shift_first_time_to_zero = false;
-  TextLayout layout;
+  TextLayout layout = {};
 };
 
 /// Reads Metavision CSV (`x,y,p,t` [us], optional first line `%geometry:W,H`), RPG text (`t x y p`, t in seconds) and

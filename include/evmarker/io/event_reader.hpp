@@ -24,9 +24,9 @@ namespace evmarker::io {
 
 struct EventReaderOptions {
   /// For recordings that do not tell it, as most text files; one that does wins.
-  std::optional<SensorSize> sensor_size;
+  std::optional<SensorSize> sensor_size = std::nullopt;
   bool shift_first_time_to_zero = false;
-  TextLayout text_layout;
+  TextLayout text_layout = {};
 };
 
 enum class RecordingKind { raw, text };

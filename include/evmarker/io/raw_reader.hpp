@@ -25,7 +25,7 @@ namespace evmarker::io {
 
 struct RawReaderOptions {
   /// For recordings whose header does not tell it; a header that does wins.
-  std::optional<SensorSize> sensor_size;
+  std::optional<SensorSize> sensor_size = std::nullopt;
   /// Subtracts the time of the first event or trigger from all, as OpenEB does unless told not to.
   bool shift_first_time_to_zero = false;
 };

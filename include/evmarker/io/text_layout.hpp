@@ -18,9 +18,9 @@ enum class TimeUnit { microseconds, seconds };
 
 /// What is not set is recognised from the file.
 struct TextLayout {
-  std::optional<char> separator;      ///< `,` `;` tab, or a space for any run of blanks
-  std::string columns;                ///< one letter a column: x, y, p, t, and - for one to ignore; `xypt`, `txyp`
-  std::optional<TimeUnit> time_unit;  ///< a time with a decimal point is taken for seconds
+  std::optional<char> separator = std::nullopt;  ///< `,` `;` tab, or a space for any run of blanks
+  std::string columns = {};  ///< one letter a column: x, y, p, t, and - for one to ignore; `xypt`, `txyp`
+  std::optional<TimeUnit> time_unit = std::nullopt;  ///< a time with a decimal point is taken for seconds
 };
 
 /// A layout with nothing left open, and what else stands before the first event.
@@ -82,16 +82,19 @@ inline char column_of(std::string_view name, std::optional<TimeUnit>& unit) {
 
 inline bool is_polarity(std::string_view field) { return field == "0" || field == "1" || field == "-1"; }
 
-/// Which of the two customary orders all sampled lines allow; where both do, commas mean `xypt` and blanks `txyp`.
+/// The customary order that more of the sampled lines allow, at least half of them: a malformed line is the reader's
+/// to report. Where both fit equally, commas mean `xypt` and blanks `txyp`.
 inline std::string guess_columns(const std::vector<std::vector<std::string_view>>& lines, char separator) {
-  bool xypt = !lines.empty(), txyp = xypt;
+  std::size_t xypt = 0, txyp = 0;
   for (const auto& fields : lines) {
-    const bool point_first = !fields.empty() && fields[0].find('.') != std::string_view::npos;
-    xypt = xypt && fields.size() == 4 && is_polarity(fields[2]) && !point_first;
-    txyp = txyp && fields.size() == 4 && is_polarity(fields[3]);
+    if (fields.size() != 4) continue;
+    const bool time_first = fields[0].find('.') != std::string_view::npos;
+    if (is_polarity(fields[2]) && !time_first) ++xypt;
+    if (is_polarity(fields[3])) ++txyp;
   }
-  if (xypt && txyp) return separator == ' ' ? "txyp" : "xypt";
-  return xypt ? "xypt" : txyp ? "txyp" : "";
+  if (2 * std::max(xypt, txyp) < lines.size() || lines.empty()) return "";
+  if (xypt == txyp) return separator == ' ' ? "txyp" : "xypt";
+  return xypt > txyp ? "xypt" : "txyp";
 }
 
 }  // namespace detail
