@@ -2,6 +2,7 @@
 // Floor 4. The paper's rule: translation and rotation updates, Eqs. (6) to (12).
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -14,23 +15,18 @@ namespace evmarker {
 
 /// Gains of the paper's rule. All are dimensionless, so the same numbers serve every marker size and unit.
 struct DecoupledSettings {
-  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages; 0 stands for one over the number of
-  /// events per update, at most 0.03, so that the averages remember one update's events or about thirty.
+  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. 0 stands for one over the number of
+  /// events per update, at most 0.1: the averages remember the events of one update, or ten.
   double averaging_weight = 0;
   double translation_gain = 1.4;  ///< lambda_T of Eq. (10)
   double rotation_gain = 2;       ///< lambda_r, of the torque divided by the mean squared lever arm
   /// The paper leaves the torque of Eq. (11) in units of length squared. If set, it is not divided by the lever arm but
   /// measured in this unit [m].
   std::optional<double> torque_length_unit_m = std::nullopt;
-  bool forget_after_update = true;  ///< correct the averages for the step just made; the paper keeps them as they are
 
   /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
   static DecoupledSettings paper() {
-    return {.averaging_weight = 0.1,
-            .translation_gain = 1.4,
-            .rotation_gain = 0.003,
-            .torque_length_unit_m = 0.01,
-            .forget_after_update = false};
+    return {.averaging_weight = 0.1, .translation_gain = 1.4, .rotation_gain = 0.003, .torque_length_unit_m = 0.01};
   }
 };
 
@@ -41,58 +37,50 @@ class DecoupledUpdate {
   using Settings = DecoupledSettings;
 
   DecoupledUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
-    if (settings_.averaging_weight == 0) settings_.averaging_weight = std::min(0.03, 1.0 / events_per_update);
+    if (settings_.averaging_weight == 0) settings_.averaging_weight = std::min(0.1, 1.0 / events_per_update);
     const auto require = [](bool good, const char* name, double value) {
       if (!good) throw std::invalid_argument(std::string("decoupled update: ") + name + " is " + std::to_string(value));
     };
-    require(settings_.averaging_weight > 0 && settings_.averaging_weight <= 1, "averaging_weight",
-            settings_.averaging_weight);
-    require(settings_.translation_gain > 0, "translation_gain", settings_.translation_gain);
-    require(settings_.rotation_gain > 0, "rotation_gain", settings_.rotation_gain);
-    const double unit = settings_.torque_length_unit_m.value_or(1);
-    require(std::isfinite(unit) && unit > 0, "torque_length_unit_m", unit);
+    const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
+    const double w0 = settings_.averaging_weight, unit = settings_.torque_length_unit_m.value_or(1);
+    require(positive(w0) && w0 <= 1, "averaging_weight", w0);
+    require(positive(settings_.translation_gain), "translation_gain", settings_.translation_gain);
+    require(positive(settings_.rotation_gain), "rotation_gain", settings_.rotation_gain);
+    require(positive(unit), "torque_length_unit_m", unit);
+    renewed_ = std::min(1.0, events_per_update * w0);
   }
 
   void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const double w0 = settings_.averaging_weight;
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
-    const Eigen::Vector3d pull = c.F - c.E;
+    const Eigen::Vector3d pull = c.F - c.E;                                 // (L - I) E
     const Eigen::Matrix3d L = c.M * (c.M / c.M.squaredNorm()).transpose();  // Eq. (6)
     A_ += w0 * (Eigen::Matrix3d::Identity() - L - A_);                      // Eq. (8)
-    B_ += w0 * (pull - B_);                       // Eq. (9) with E for F, as an increment: (L - I) E = F - E
-    Gamma_ += w0 * (lever.cross(pull) - Gamma_);  // Eq. (11) with E for F
+    B_ += w0 * (pull - B_);                                                 // Eq. (9) with E for F, see below
+    Gamma_ += w0 * (lever.cross(pull) - Gamma_);                            // Eq. (11) with E for F
     lever2_ += w0 * (lever.squaredNorm() - lever2_);
-    weight_ += w0 * (1 - weight_);
+    // The paper writes F where (L - I) F is always zero: nothing would ever move. The averages are not corrected for
+    // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
-    // Damped far below the weakest direction that a visible marker leaves (its depth: about (size / distance)^2 / 10),
-    // so that a handful of events on one line of sight gives a step along that line of zero instead of a division by
-    // it.
-    const Eigen::Matrix3d damped = A_ + 1e-6 * weight_ * Eigen::Matrix3d::Identity();
-    Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+    Eigen::Matrix3d A_inverse = Eigen::Matrix3d::Zero();
     bool invertible = false;
-    damped.computeInverseWithCheck(inverse, invertible, 1e-12 * weight_ * weight_ * weight_);
-    const double torque_scale = settings_.torque_length_unit_m
-                                    ? 1 / (*settings_.torque_length_unit_m * *settings_.torque_length_unit_m)
-                                    : 1 / lever2_;
-    const Eigen::Vector3d dT = settings_.translation_gain * (inverse * B_);     // Eqs. (7), (10)
-    const Eigen::Vector3d r = settings_.rotation_gain * torque_scale * Gamma_;  // r = lambda_r Gamma
+    A_.computeInverseWithCheck(A_inverse, invertible, 1e-9);
+    const double unit2 =
+        settings_.torque_length_unit_m ? *settings_.torque_length_unit_m * *settings_.torque_length_unit_m : lever2_;
+    // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
+    const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * (A_inverse * B_);  // Eqs. (7), (10)
+    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain * (Gamma_ / unit2);      // r = lambda_r Gamma
     if (!invertible || !dT.allFinite() || !r.allFinite()) return false;
     T_camera_marker.translation() += dT;
     T_camera_marker.linear() = orthonormalized(so3_exp(r) * T_camera_marker.linear());  // Eq. (12)
-    if (settings_.forget_after_update) {
-      B_ -= A_ * dT;  // what the old residuals would be at the new pose
-      Gamma_.setZero();
-    }
     return true;
   }
 
-  void reverse() noexcept {
-    A_.setZero();
+  void reverse() noexcept {  // A and the lever arm are geometry, the same in both directions of time
     B_.setZero();
     Gamma_.setZero();
-    lever2_ = weight_ = 0;
   }
 
   Matrix6d information() const noexcept { return Matrix6d::Zero(); }
@@ -100,11 +88,13 @@ class DecoupledUpdate {
 
  private:
   Settings settings_;
-  Eigen::Matrix3d A_ = Eigen::Matrix3d::Zero();
+  double renewed_ = 1;  // share of the averages that the events of one update make up
+  // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
+  // events on nearly one line of sight must not be turned into a step along it.
+  Eigen::Matrix3d A_ = Eigen::Matrix3d::Identity();
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
   double lever2_ = 0;  // running mean of |E - T|^2 [m^2]
-  double weight_ = 0;  // 1 once the averages are filled
 };
 
 static_assert(PoseUpdateRule<DecoupledUpdate>);

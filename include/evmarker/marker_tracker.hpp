@@ -1,6 +1,7 @@
 #pragma once
 // Floor 6. One marker, from a known pose on: follow it, verify it, say when it is lost.
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -62,31 +63,29 @@ class MarkerTracker {
     if (match == MatchResult::far) return std::nullopt;
     t_ = event.t;
 
-    matched_fraction_ +=
-        ((match == MatchResult::near ? 0.0 : 1.0) - matched_fraction_) / settings_.matched_fraction_events;
-    if (matched_fraction_ < settings_.min_matched_fraction) return lose();
+    offered_ = std::min(offered_ + 1, settings_.matched_fraction_events);
+    matched_fraction_ += ((match == MatchResult::near ? 0.0 : 1.0) - matched_fraction_) / offered_;
     const auto error = verification_.push(event, updated, follower_, lines_);
-    if (!updated) return std::nullopt;
-
-    ++updates_;
-    quality_.matched = follower_.last_update().matched;
-    quality_.offered = follower_.last_update().offered;
-    quality_.residual_px = follower_.last_update().residual_px;
-    if (error) {
-      quality_.backtrack_px = error->translation_px;
-      quality_.backtrack_rad = error->rotation_rad;
-      quality_.backtrack_angle_rad = error->angle_rad;
-      quality_.backtrack_t = event.t;
+    if (error) note(*error);
+    if (updated) ++updates_;
+    if (quality_.state == TrackingState::converging) {
+      if (updates_ > settings_.converging_updates) start_judging();
+    } else if (matched_fraction_ < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
+      return lose();
     }
-    if (updates_ > settings_.converging_updates) quality_.state = TrackingState::tracking;
-    const bool failed = error && quality_.state == TrackingState::tracking && !verification_.passes(*error);
-    if (failed || !follower_.in_front() || out_of_image()) return lose();
+    if (!updated) return std::nullopt;
+    if (!follower_.in_front() || out_of_image()) return lose();
     return estimate();
   }
 
   /// The present estimate: of the last update, or the start.
   PoseEstimate estimate() const noexcept {
-    return {id_, t_, follower_.T_camera_marker(), follower_.rule().information(), follower_.rule().twist(), quality_};
+    PoseEstimate pose{
+        id_, t_, follower_.T_camera_marker(), follower_.rule().information(), follower_.rule().twist(), quality_};
+    pose.quality.matched = follower_.last_update().matched;
+    pose.quality.offered = follower_.last_update().offered;
+    pose.quality.residual_px = follower_.last_update().residual_px;
+    return pose;
   }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
@@ -102,6 +101,20 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
+  // The first updates refine the detection; what happened in them is not held against the tracker.
+  void start_judging() noexcept {
+    quality_.state = TrackingState::tracking;
+    verification_.start_window(follower_);
+    matched_fraction_ = 1;
+  }
+
+  void note(const BacktrackError& error) noexcept {
+    quality_.backtrack_px = error.translation_px;
+    quality_.backtrack_rad = error.rotation_rad;
+    quality_.backtrack_angle_rad = error.angle_rad;
+    quality_.backtrack_t = t_;
+  }
+
   bool out_of_image() const noexcept {
     const SegmentMatcher& marker = follower_.matcher();
     const double f = lines_.focal_length();
@@ -117,6 +130,7 @@ class MarkerTracker {
   TrackingQuality quality_;
   Timestamp t_ = 0;
   int updates_ = 0;
+  int offered_ = 0;              // events that the running mean below stands for
   double matched_fraction_ = 1;  // running mean over the events on or near the wireframe
 };
 

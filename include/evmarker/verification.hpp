@@ -17,6 +17,7 @@ struct VerificationSettings {
   int updates = 100;                  ///< k: forward updates before the way back
   double max_translation_px = 5;      ///< epsilon_T
   double max_rotation_rad = 0.15;     ///< epsilon_R
+  std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
   std::size_t max_events = 1u << 15;  ///< a window that fills this ring is verified early
 };
 
@@ -60,12 +61,18 @@ class Verification {
                                      const UndistortionTable& lines) noexcept {
     window_.push(event);
     updates_ += updated;
-    if (!updated || (updates_ < settings_.updates && !window_.full())) return std::nullopt;
+    const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events;
+    if (!updated || (!complete && !window_.full())) return std::nullopt;
     const BacktrackError error = backtrack_error(T_start_, backtrack(forward, lines), forward.matcher().focal_length());
+    start_window(forward);
+    return error;
+  }
+
+  /// Forgets the events so far; the next window starts at the forward tracker's present pose.
+  void start_window(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
     window_.clear();
     updates_ = 0;
-    return error;
   }
 
   bool passes(const BacktrackError& error) const noexcept {  // false for NaN
