@@ -1,5 +1,6 @@
 #pragma once
 // Floor 8. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
+#include "evmarker/accuracy.hpp"
 #include "evmarker/camera.hpp"
 #include "evmarker/decoupled_update.hpp"
 #include "evmarker/detection.hpp"

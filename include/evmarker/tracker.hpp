@@ -84,7 +84,11 @@ class Tracker {
   std::span<const PoseEstimate> push(const E& foreign_event) {
     poses_.clear();
     const Event event = to_event(foreign_event);
-    if (!count(event) || !filter_.accept(event)) return poses_;
+    if (!count(event)) return poses_;
+    if (!filter_.accept(event)) {
+      ++statistics_.filtered;
+      return poses_;
+    }
     ++passed_;
     frame_.update(event);
     history_.push(event);
