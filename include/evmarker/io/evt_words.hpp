@@ -32,7 +32,8 @@ inline Word load_word(const std::byte* bytes) noexcept {
 
 template <std::unsigned_integral Word>
 inline void append_word(std::vector<std::byte>& bytes, Word word) {
-  for (std::size_t i = 0; i < sizeof(Word); ++i) bytes.push_back(static_cast<std::byte>((word >> (8 * i)) & 0xFFU));
+  for (std::size_t i = 0; i < sizeof(Word); ++i)
+    bytes.push_back(static_cast<std::byte>(std::uint64_t{word} >> (8 * i) & 0xFFU));
 }
 
 /// Unrolls the high part of the time, a count of `Bits` bits that starts again at 0 when it is full.
