@@ -1,0 +1,204 @@
+#pragma once
+// opencv. Finds ArUco and AprilTag markers in a frame of last polarities.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/camera.hpp"
+#include "evmarker/detection.hpp"
+#include "evmarker/marker_model.hpp"
+#include "evmarker/opencv/aruco_shim.hpp"
+#include "evmarker/opencv/frame_fit.hpp"
+#include "evmarker/polarity_frame.hpp"
+#include "evmarker/so3.hpp"
+
+namespace evmarker::opencv {
+
+struct ArucoDetectorSettings {
+  std::string dictionary = "DICT_4X4_50";  ///< OpenCV's name of a predefined dictionary
+  double marker_length = 0.10;             ///< side of the black square [m]
+  std::vector<MarkerId> ids = {};          ///< the markers to look for; empty: the whole dictionary
+  double min_side_px = 15;                 ///< smaller markers are not looked for
+  double min_agreement = 0.9;  ///< share of the marker's area that must look as its code demands, see `code_agreement`
+  double min_edge_support = 0.7;       ///< share of its edges that must be seen in the frame, see `FrameFit`
+  double max_alternative_ratio = 2.0;  ///< the second planar pose is told if it fits at most so much worse
+};
+
+/// A `MarkerDetector` on OpenCV's ArUco. Last-polarity frames are ragged and half empty; OpenCV alone finds ids in them
+/// that are not there and corners that are pixels off. So a candidate's pose is fitted to all edges of its code, and it
+/// counts only if the frame then shows the edges and cells that its id demands. Copyable; not thread-safe.
+template <CameraModel Camera>
+class ArucoDetector {
+ public:
+  /// @throws std::invalid_argument naming an unknown dictionary, a marker length that is not positive, an id that the
+  /// dictionary does not have, or a setting out of its range
+  ArucoDetector(Camera camera, ArucoDetectorSettings settings)
+      : camera_(std::move(camera)), settings_(std::move(settings)), dictionary_(make_dictionary(settings_.dictionary)) {
+    evmarker::detail::require_marker_length(settings_.marker_length);
+    for (const MarkerId id : settings_.ids) marker_bits(dictionary_, id);
+    const auto require = [](bool good, const char* name, double value) {
+      if (!good) throw std::invalid_argument(std::string("detector: ") + name + " is " + std::to_string(value));
+    };
+    const auto is_share = [](double value) { return value >= 0 && value <= 1; };
+    require(settings_.min_side_px >= 4 && std::isfinite(settings_.min_side_px), "min_side_px", settings_.min_side_px);
+    require(is_share(settings_.min_agreement), "min_agreement", settings_.min_agreement);
+    require(is_share(settings_.min_edge_support), "min_edge_support", settings_.min_edge_support);
+    require(settings_.max_alternative_ratio >= 0, "max_alternative_ratio", settings_.max_alternative_ratio);
+
+    const SensorSize size = camera_.sensor_size();
+    parameters_.adaptiveThreshWinSizeMin = 11;  // two windows: one for small markers, one that noise does not fill
+    parameters_.adaptiveThreshWinSizeMax = 61;
+    parameters_.adaptiveThreshWinSizeStep = 50;
+    parameters_.minMarkerPerimeterRate = 4 * settings_.min_side_px / std::max(size.width, size.height);
+    parameters_.polygonalApproxAccuracyRate = 0.04;
+    parameters_.minDistanceToBorder = 1;
+    parameters_.perspectiveRemovePixelPerCell = 6;
+    parameters_.perspectiveRemoveIgnoredMarginPerCell = 0.2;  // the rims of cells are ragged
+    parameters_.maxErroneousBitsInBorderRate = 0.2;
+    parameters_.errorCorrectionRate = 0;
+    parameters_.cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;  // own window size, see refine_corners()
+  }
+
+  /// The markers in a frame of the camera's size, each id at most once.
+  /// @throws std::invalid_argument if the frame has another size
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+    require_size(frame.sensor_size());
+    const cv::Mat pixels(frame.sensor_size().height, frame.sensor_size().width, CV_8U,
+                         const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
+    cv::medianBlur(pixels, median_, 3);
+    std::vector<std::vector<cv::Point2f>> candidates;
+    std::vector<int> ids;
+    detail::detect_markers(median_, dictionary_, parameters_, candidates, ids);
+
+    std::map<MarkerId, Candidate> best;  // ArUco may find the same marker's inner and outer contour
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      if (!wanted(ids[i])) continue;
+      const auto candidate = locate(ids[i], std::move(candidates[i]));
+      if (!candidate) continue;
+      const auto known = best.find(ids[i]);
+      if (known == best.end() || candidate->cost_px < known->second.cost_px) best.insert_or_assign(ids[i], *candidate);
+    }
+    std::vector<MarkerDetection> detections;
+    for (auto& [id, candidate] : best) {
+      candidate.detection.t = frame.t();
+      detections.push_back(candidate.detection);
+    }
+    return detections;
+  }
+
+  /// The cells inside the border of a marker.
+  /// @throws std::invalid_argument if the dictionary has no such id
+  CodeBits bits(MarkerId id) const { return marker_bits(dictionary_, id); }
+
+  /// The wireframe of a marker: its outline and the edges of its cells.
+  /// @throws std::invalid_argument if the dictionary has no such id
+  MarkerModel model(MarkerId id) const { return make_code_marker(settings_.marker_length, bits(id)); }
+
+  const ArucoDetectorSettings& settings() const noexcept { return settings_; }
+
+ private:
+  struct Candidate {
+    MarkerDetection detection;
+    double cost_px;
+  };
+
+  void require_size(SensorSize size) const {
+    const SensorSize expected = camera_.sensor_size();
+    if (size == expected) return;
+    const auto show = [](SensorSize s) { return std::to_string(s.width) + " x " + std::to_string(s.height); };
+    throw std::invalid_argument("detector: frame is " + show(size) + " px, the camera " + show(expected) + " px");
+  }
+
+  bool wanted(MarkerId id) const {
+    return settings_.ids.empty() || std::ranges::find(settings_.ids, id) != settings_.ids.end();
+  }
+
+  std::optional<Candidate> locate(MarkerId id, std::vector<cv::Point2f> corners) const {
+    refine_corners(corners);
+    const MarkerModel wireframe = model(id);
+    std::vector<FrameFit> fits;
+    for (const Eigen::Isometry3d& T : solve_pnp(corners))
+      if (const auto fit = fit_pose(wireframe, bits(id), T)) fits.push_back(*fit);
+    if (fits.empty()) return std::nullopt;
+    std::ranges::sort(fits, {}, &FrameFit::cost_px);
+
+    MarkerDetection detection;
+    detection.id = id;
+    detection.T_camera_marker = fits[0].T_camera_marker;
+    constexpr double kSamePose = 0.03;  // [rad]: both starts led to one pose
+    if (fits.size() > 1 && fits[1].cost_px <= settings_.max_alternative_ratio * fits[0].cost_px &&
+        geodesic_angle(fits[0].T_camera_marker.linear(), fits[1].T_camera_marker.linear()) > kSamePose)
+      detection.T_camera_marker_alternative = fits[1].T_camera_marker;
+    const auto square = make_square_marker(settings_.marker_length).vertices;
+    for (std::size_t i = 0; i < 4; ++i)
+      detection.corners_px[i] = camera_.project(detection.T_camera_marker * square[i]);
+    return Candidate{detection, fits[0].cost_px};
+  }
+
+  void refine_corners(std::vector<cv::Point2f>& corners) const {
+    // The window must not reach the next corner of a cell: half a cell of the shortest side.
+    double side = cv::norm(corners[3] - corners[0]);
+    for (std::size_t i = 0; i < 3; ++i) side = std::min(side, cv::norm(corners[i + 1] - corners[i]));
+    const int half = std::clamp(static_cast<int>(side / (2 * (dictionary_.markerSize + 2))), 1, 5);
+    cv::cornerSubPix(median_, corners, {half, half}, {-1, -1},
+                     {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 20, 0.02});
+  }
+
+  // Both poses that a square allows (they mirror its tilt), each at the minimum of its reprojection error.
+  std::vector<Eigen::Isometry3d> solve_pnp(const std::vector<cv::Point2f>& corners) const {
+    const double h = settings_.marker_length / 2;
+    const std::vector<cv::Point3d> points{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}};
+    std::vector<cv::Point2d> undistorted;
+    for (const cv::Point2f& corner : corners) {
+      const Eigen::Vector3d M = camera_.line_of_sight({corner.x, corner.y});
+      if (!M.allFinite()) return {};
+      undistorted.emplace_back(M.x(), M.y());
+    }
+    const cv::Matx33d identity = cv::Matx33d::eye();
+    std::vector<cv::Mat> rotations, translations;
+    cv::solvePnPGeneric(points, undistorted, identity, cv::noArray(), rotations, translations, false,
+                        cv::SOLVEPNP_IPPE_SQUARE);
+    std::vector<Eigen::Isometry3d> poses;
+    for (std::size_t i = 0; i < rotations.size(); ++i) {
+      cv::solvePnPRefineLM(points, undistorted, identity, cv::noArray(), rotations[i], translations[i]);
+      const cv::Vec3d r = rotations[i], t = translations[i];
+      Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+      T.linear() = so3_exp({r[0], r[1], r[2]});
+      T.translation() << t[0], t[1], t[2];
+      if (T.matrix().allFinite() && t[2] > 0) poses.push_back(T);
+    }
+    return poses;
+  }
+
+  // Nothing where the frame does not bear the marker out.
+  std::optional<FrameFit> fit_pose(const MarkerModel& wireframe, const CodeBits& code,
+                                   const Eigen::Isometry3d& T) const {
+    const double cell_px =
+        camera_.focal_length() * settings_.marker_length / T.translation().z() / static_cast<double>(code.rows() + 2);
+    const double reach_px = std::clamp(0.4 * cell_px, 1.5, 4.0);  // not to the next edge of the code
+    const auto fit = fit_to_frame(camera_, median_, wireframe, T, reach_px);
+    if (!fit || fit->support < settings_.min_edge_support) return std::nullopt;
+    if (code_agreement(camera_, median_, code, settings_.marker_length, fit->T_camera_marker) < settings_.min_agreement)
+      return std::nullopt;
+    return fit;
+  }
+
+  Camera camera_;
+  ArucoDetectorSettings settings_;
+  cv::aruco::Dictionary dictionary_;
+  cv::aruco::DetectorParameters parameters_;
+  cv::Mat median_;  // kept so that detect() does not allocate it anew
+};
+
+}  // namespace evmarker::opencv

@@ -1,0 +1,99 @@
+#pragma once
+// opencv. ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else knows the version.
+#include <algorithm>
+#include <array>
+#include <opencv2/core.hpp>
+#include <opencv2/core/version.hpp>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "evmarker/marker_model.hpp"
+
+#if CV_VERSION_MAJOR > 4 || (CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR >= 7)
+#include <opencv2/objdetect/aruco_detector.hpp>
+namespace evmarker::opencv::detail {
+
+inline cv::aruco::Dictionary predefined_dictionary(int index) { return cv::aruco::getPredefinedDictionary(index); }
+
+inline void detect_markers(const cv::Mat& image, const cv::aruco::Dictionary& dictionary,
+                           const cv::aruco::DetectorParameters& parameters,
+                           std::vector<std::vector<cv::Point2f>>& corners, std::vector<int>& ids) {
+  cv::aruco::ArucoDetector(dictionary, parameters).detectMarkers(image, corners, ids);
+}
+
+}  // namespace evmarker::opencv::detail
+#else
+#include <opencv2/aruco.hpp>
+namespace evmarker::opencv::detail {
+
+inline cv::aruco::Dictionary predefined_dictionary(int index) { return *cv::aruco::getPredefinedDictionary(index); }
+
+inline void detect_markers(const cv::Mat& image, const cv::aruco::Dictionary& dictionary,
+                           const cv::aruco::DetectorParameters& parameters,
+                           std::vector<std::vector<cv::Point2f>>& corners, std::vector<int>& ids) {
+  cv::aruco::detectMarkers(image, cv::makePtr<cv::aruco::Dictionary>(dictionary), corners, ids,
+                           cv::makePtr<cv::aruco::DetectorParameters>(parameters));
+}
+
+}  // namespace evmarker::opencv::detail
+#endif
+
+namespace evmarker::opencv {
+
+/// Every dictionary that all supported OpenCV versions have, by OpenCV's own name.
+inline constexpr auto kDictionaries = std::to_array<std::pair<std::string_view, int>>({
+    {"DICT_4X4_50", cv::aruco::DICT_4X4_50},
+    {"DICT_4X4_100", cv::aruco::DICT_4X4_100},
+    {"DICT_4X4_250", cv::aruco::DICT_4X4_250},
+    {"DICT_4X4_1000", cv::aruco::DICT_4X4_1000},
+    {"DICT_5X5_50", cv::aruco::DICT_5X5_50},
+    {"DICT_5X5_100", cv::aruco::DICT_5X5_100},
+    {"DICT_5X5_250", cv::aruco::DICT_5X5_250},
+    {"DICT_5X5_1000", cv::aruco::DICT_5X5_1000},
+    {"DICT_6X6_50", cv::aruco::DICT_6X6_50},
+    {"DICT_6X6_100", cv::aruco::DICT_6X6_100},
+    {"DICT_6X6_250", cv::aruco::DICT_6X6_250},
+    {"DICT_6X6_1000", cv::aruco::DICT_6X6_1000},
+    {"DICT_7X7_50", cv::aruco::DICT_7X7_50},
+    {"DICT_7X7_100", cv::aruco::DICT_7X7_100},
+    {"DICT_7X7_250", cv::aruco::DICT_7X7_250},
+    {"DICT_7X7_1000", cv::aruco::DICT_7X7_1000},
+    {"DICT_ARUCO_ORIGINAL", cv::aruco::DICT_ARUCO_ORIGINAL},
+    {"DICT_APRILTAG_16h5", cv::aruco::DICT_APRILTAG_16h5},
+    {"DICT_APRILTAG_25h9", cv::aruco::DICT_APRILTAG_25h9},
+    {"DICT_APRILTAG_36h10", cv::aruco::DICT_APRILTAG_36h10},
+    {"DICT_APRILTAG_36h11", cv::aruco::DICT_APRILTAG_36h11},
+});
+
+/// A predefined dictionary by name, e.g. "DICT_4X4_50".
+/// @throws std::invalid_argument with the unknown name and all that exist
+inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
+  for (const auto& [known, index] : kDictionaries)
+    if (known == name) return detail::predefined_dictionary(index);
+  std::string message = "dictionary: no \"" + std::string(name) + "\"; there are";
+  for (const auto& [known, index] : kDictionaries) message.append(" ").append(known);
+  throw std::invalid_argument(message);
+}
+
+/// Number of markers in a dictionary; their ids count from 0.
+inline int dictionary_size(const cv::aruco::Dictionary& dictionary) { return dictionary.bytesList.rows; }
+
+/// The cells inside a marker's border, rows from top to bottom, 1 white.
+/// @throws std::invalid_argument with the id and the size of the dictionary
+inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id) {
+  if (id < 0 || id >= dictionary_size(dictionary))
+    throw std::invalid_argument("marker id " + std::to_string(id) + " is not in the dictionary, which has " +
+                                std::to_string(dictionary_size(dictionary)) + " markers (0 to " +
+                                std::to_string(dictionary_size(dictionary) - 1) + ")");
+  const cv::Mat bits =
+      cv::aruco::Dictionary::getBitsFromByteList(dictionary.bytesList.rowRange(id, id + 1), dictionary.markerSize);
+  CodeBits code(bits.rows, bits.cols);
+  for (int row = 0; row < bits.rows; ++row)
+    for (int column = 0; column < bits.cols; ++column) code(row, column) = bits.at<uchar>(row, column);
+  return code;
+}
+
+}  // namespace evmarker::opencv

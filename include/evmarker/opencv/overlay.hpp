@@ -1,0 +1,202 @@
+#pragma once
+// opencv. Pictures of events, markers and poses for people to look at.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <ranges>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/camera.hpp"
+#include "evmarker/event.hpp"
+#include "evmarker/marker_model.hpp"
+#include "evmarker/polarity_frame.hpp"
+#include "evmarker/pose.hpp"
+
+namespace evmarker::opencv {
+
+/// Colours (blue, green, red) in which events and markers are told apart on a dark ground.
+namespace color {
+inline const cv::Scalar kGround(28, 24, 22);
+inline const cv::Scalar kOn(140, 112, 70);
+inline const cv::Scalar kOff(58, 52, 98);
+inline const cv::Scalar kConverging(60, 190, 255);
+inline const cv::Scalar kTracking(100, 255, 110);
+inline const cv::Scalar kLost(90, 90, 255);
+inline const cv::Scalar kText(240, 240, 240);
+}  // namespace color
+
+inline cv::Scalar state_color(TrackingState state) {
+  switch (state) {
+    case TrackingState::converging: return color::kConverging;
+    case TrackingState::tracking: return color::kTracking;
+    case TrackingState::lost: return color::kLost;
+  }
+  return color::kText;
+}
+
+namespace detail {
+
+constexpr int kSubpixelBits = 4;
+
+// Sub-pixel fixed point of a sensor pixel in a picture that is `scale` times larger; the centre of pixel 0 moves too.
+inline cv::Point fixed_point(const Eigen::Vector2d& pixel, double scale) {
+  const auto fixed = [&](double v) {
+    const double limited = std::clamp((v + 0.5) * scale - 0.5, -20000.0, 20000.0);
+    return static_cast<int>(std::lround(limited * (1 << kSubpixelBits)));
+  };
+  return {fixed(pixel.x()), fixed(pixel.y())};
+}
+
+template <CameraModel Camera>
+double scale_of(const cv::Mat& picture, const Camera& camera) {
+  const SensorSize size = camera.sensor_size();
+  if (picture.type() != CV_8UC3 || picture.empty() || picture.cols * size.height != picture.rows * size.width)
+    throw std::invalid_argument("overlay: a picture of " + std::to_string(picture.cols) + " x " +
+                                std::to_string(picture.rows) + " px is not an 8-bit colour picture of a camera of " +
+                                std::to_string(size.width) + " x " + std::to_string(size.height) + " px");
+  return static_cast<double>(picture.cols) / size.width;
+}
+
+// A straight edge in space is a curve behind a lens.
+template <CameraModel Camera>
+void draw_edge(cv::Mat& picture, const Camera& camera, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+               const cv::Scalar& edge_color, int thickness, double scale) {
+  constexpr int kPieces = 8;
+  constexpr double kNearest = 1e-3;  // [m]: nothing closer has an image
+  for (int i = 0; i < kPieces; ++i) {
+    const Eigen::Vector3d a = from + (to - from) * (static_cast<double>(i) / kPieces);
+    const Eigen::Vector3d b = from + (to - from) * (static_cast<double>(i + 1) / kPieces);
+    if (!(a.z() > kNearest && b.z() > kNearest)) continue;
+    const Eigen::Vector2d p = camera.project(a), q = camera.project(b);
+    if (!p.allFinite() || !q.allFinite()) continue;
+    cv::line(picture, fixed_point(p, scale), fixed_point(q, scale), edge_color, thickness, cv::LINE_AA, kSubpixelBits);
+  }
+}
+
+inline double text_scale(const cv::Mat& picture) { return std::clamp(picture.cols / 1100.0, 0.4, 1.5); }
+
+inline int line_width(const cv::Mat& picture) { return std::clamp(picture.cols / 450, 1, 3); }
+
+inline cv::Size text_size(const cv::Mat& picture, const std::string& text) {
+  int below = 0;
+  const cv::Size size =
+      cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, text_scale(picture), line_width(picture), &below);
+  return {size.width, size.height + below};
+}
+
+}  // namespace detail
+
+/// Text on a dark plate, legible over events; `at` is the plate's top left corner [px of the picture].
+inline void draw_text(cv::Mat& picture, const std::string& text, cv::Point at, const cv::Scalar& text_color) {
+  const cv::Size size = detail::text_size(picture, text);
+  cv::rectangle(picture, {at.x, at.y, size.width + 8, size.height + 6}, color::kGround, cv::FILLED);
+  cv::putText(picture, text, {at.x + 4, at.y + 1 + size.height * 4 / 5}, cv::FONT_HERSHEY_SIMPLEX,
+              detail::text_scale(picture), text_color, detail::line_width(picture), cv::LINE_AA);
+}
+
+/// Lines of text in the picture's top left corner.
+template <std::ranges::input_range Lines>
+void draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
+  int y = 8;
+  for (const std::string& line : lines) {
+    draw_text(picture, line, {8, y}, color::kText);
+    y += detail::text_size(picture, line).height + 6;
+  }
+}
+
+/// An empty dark picture, `scale` picture pixels to a sensor pixel.
+inline cv::Mat make_picture(SensorSize size, int scale = 1) {
+  if (size.width < 1 || size.height < 1 || scale < 1)
+    throw std::invalid_argument("overlay: no picture of " + std::to_string(size.width) + " x " +
+                                std::to_string(size.height) + " px at scale " + std::to_string(scale));
+  return cv::Mat(size.height * scale, size.width * scale, CV_8UC3, color::kGround);
+}
+
+/// The frame of last polarities in colour, `scale` picture pixels to a sensor pixel.
+inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1) {
+  const SensorSize size = frame.sensor_size();
+  cv::Mat enlarged = make_picture(size, scale), picture = make_picture(size);
+  const auto bgr = [](const cv::Scalar& c) {
+    return cv::Vec3b(cv::saturate_cast<uchar>(c[0]), cv::saturate_cast<uchar>(c[1]), cv::saturate_cast<uchar>(c[2]));
+  };
+  const cv::Vec3b on = bgr(color::kOn), off = bgr(color::kOff);
+  auto pixel = frame.pixels().begin();
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x, ++pixel)
+      if (*pixel != PolarityFrame::kUntouched) picture.at<cv::Vec3b>(y, x) = *pixel == PolarityFrame::kOn ? on : off;
+  cv::resize(picture, enlarged, enlarged.size(), 0, 0, cv::INTER_NEAREST);
+  return enlarged;
+}
+
+/// Events onto a picture of the sensor (see `make_picture`); those off the sensor are left out.
+template <std::ranges::input_range Events>
+requires EventLike<std::ranges::range_value_t<Events>>
+void draw_events(cv::Mat& picture, SensorSize size, const Events& events) {
+  if (size.width < 1 || picture.type() != CV_8UC3 || picture.cols % size.width != 0 ||
+      picture.cols / size.width * size.height != picture.rows)
+    throw std::invalid_argument("overlay: the picture is no multiple of the sensor's size");
+  const int scale = picture.cols / size.width;
+  using Traits = EventTraits<std::ranges::range_value_t<Events>>;
+  for (const auto& event : events)
+    if (const int x = Traits::x(event), y = Traits::y(event); size.contains(x, y))
+      picture(cv::Rect(x * scale, y * scale, scale, scale)).setTo(Traits::on(event) ? color::kOn : color::kOff);
+}
+
+/// All edges of a model at a pose, through the camera's lens.
+/// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
+template <CameraModel Camera>
+void draw_wireframe(cv::Mat& picture, const Camera& camera, const MarkerModel& model,
+                    const Eigen::Isometry3d& T_camera_marker, const cv::Scalar& edge_color, int thickness = 1) {
+  const double scale = detail::scale_of(picture, camera);
+  for (const MarkerSegment& segment : model.segments)
+    detail::draw_edge(picture, camera, T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.from)),
+                      T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.to)), edge_color, thickness,
+                      scale);
+}
+
+/// The marker's axes: x red, y green, z (out of the marker) blue, each `length` [m] long.
+/// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
+template <CameraModel Camera>
+void draw_axes(cv::Mat& picture, const Camera& camera, const Eigen::Isometry3d& T_camera_marker, double length) {
+  const double scale = detail::scale_of(picture, camera);
+  const std::array<cv::Scalar, 3> colors{cv::Scalar(60, 60, 255), cv::Scalar(80, 220, 80), cv::Scalar(255, 130, 70)};
+  for (int axis = 0; axis < 3; ++axis)
+    detail::draw_edge(picture, camera, T_camera_marker.translation(),
+                      T_camera_marker * (length * Eigen::Vector3d::Unit(axis)), colors[static_cast<std::size_t>(axis)],
+                      detail::line_width(picture) + 1, scale);
+}
+
+/// A tracked marker: its edges in the colour of its state, its axes, its id and state beside it.
+/// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
+template <CameraModel Camera>
+void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& model, const PoseEstimate& pose) {
+  const Eigen::Isometry3d& T = pose.T_camera_marker;
+  const double scale = detail::scale_of(picture, camera);
+  const cv::Scalar shade = state_color(pose.quality.state);
+  draw_wireframe(picture, camera, model, T, shade, detail::line_width(picture));
+  double radius = 0;
+  Eigen::Vector2d right_end(-1e9, 0);
+  for (const Eigen::Vector3d& vertex : model.vertices) {
+    radius = std::max(radius, vertex.norm());
+    const Eigen::Vector3d P = T * vertex;
+    if (!(P.z() > 1e-3)) continue;
+    const Eigen::Vector2d p = camera.project(P);
+    if (p.allFinite() && p.x() > right_end.x()) right_end = p;
+  }
+  draw_axes(picture, camera, T, radius / 2);
+  if (right_end.x() < -1e8) return;
+  const std::string label = "id " + std::to_string(pose.id) + " " + to_string(pose.quality.state);
+  const cv::Size text = detail::text_size(picture, label);
+  const auto inside = [](double v, int most) {
+    return static_cast<int>(std::lround(std::clamp(v, 0.0, static_cast<double>(std::max(0, most)))));
+  };
+  draw_text(picture, label,
+            {inside((right_end.x() + 10) * scale, picture.cols - text.width - 8),
+             inside(right_end.y() * scale - text.height / 2.0, picture.rows - text.height - 6)},
+            shade);
+}
+
+}  // namespace evmarker::opencv
