@@ -142,7 +142,7 @@ class Simulator {
   // One time step: choose its length, draw its noise, advance the pixels that can have changed, let events out.
   void advance() {
     const auto next = choose_step();
-    const double t0 = now_us_, t1 = std::min(next.seconds * 1e6, end_us_);
+    const double t0 = now_us_, t1 = step_us_ < end_us_ - t0 ? t0 + step_us_ : end_us_;
     draw_noise(t1);
     for (std::size_t run = 0; run < run_wake_.size(); ++run)
       if (run_wake_[run] < moved_px_) advance_run(run, next, t0, t1);
