@@ -19,7 +19,7 @@ struct DecoupledSettings {
   /// events per update, at most 0.1: the averages remember the events of one update, or ten.
   double averaging_weight = 0;
   double translation_gain = 1.4;  ///< lambda_T of Eq. (10)
-  double rotation_gain = 2;       ///< lambda_r, of the torque divided by the mean squared lever arm
+  double rotation_gain = 3;       ///< lambda_r, of the torque divided by the mean squared lever arm
   /// The paper leaves the torque of Eq. (11) in units of length squared. If set, it is not divided by the lever arm but
   /// measured in this unit [m].
   std::optional<double> torque_length_unit_m = std::nullopt;
