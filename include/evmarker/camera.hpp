@@ -6,9 +6,12 @@
 #include <array>
 #include <cmath>
 #include <concepts>
+#include <initializer_list>
 #include <limits>
+#include <numbers>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <variant>
 
 #include "evmarker/event.hpp"
@@ -75,8 +78,15 @@ class PinholeCamera {
     require(std::isfinite(fy) && fy > 0, "fy", fy);
     require(std::isfinite(cx), "cx", cx);
     require(std::isfinite(cy), "cy", cy);
-    const double probe = std::visit([](const auto& d) { return d.distort({0.3, 0.2}).sum(); }, distortion_);
-    require(std::isfinite(probe), "a distortion coefficient", probe);
+    using Coefficients = std::initializer_list<std::pair<const char*, double>>;
+    const auto require_finite = [&](Coefficients coefficients) {
+      for (const auto& [name, value] : coefficients) require(std::isfinite(value), name, value);
+    };
+    if (const auto* d = std::get_if<BrownConradyDistortion>(&distortion_))
+      require_finite({{"k1", d->k1}, {"k2", d->k2}, {"p1", d->p1}, {"p2", d->p2}, {"k3", d->k3}});
+    if (const auto* d = std::get_if<EquidistantDistortion>(&distortion_))
+      require_finite({{"k1", d->k1}, {"k2", d->k2}, {"k3", d->k3}, {"k4", d->k4}});
+    fold_ = fold_radius();
   }
 
   SensorSize sensor_size() const noexcept { return size_; }
@@ -102,14 +112,31 @@ class PinholeCamera {
     return std::visit([&](const auto& d) -> Eigen::Vector2d { return d.distort(m); }, distortion_);
   }
 
+  // Where the image of a ray, turned outward, first stops moving outward: beyond, the polynomial of the lens comes back
+  // over the same pixels, and a solution found there would be a ghost.
+  double fold_radius() const noexcept {
+    Distortion radial = distortion_;
+    if (auto* d = std::get_if<BrownConradyDistortion>(&radial)) d->p1 = d->p2 = 0;
+    double fold = 0, outermost = 0;
+    for (double angle = 1e-3; angle < std::numbers::pi / 2; angle += 1e-3) {
+      const double r = std::tan(angle);
+      const double image = std::visit([&](const auto& d) { return d.distort({r, 0}).x(); }, radial);
+      if (!(image > outermost)) return fold;
+      fold = r;
+      outermost = image;
+    }
+    return std::numeric_limits<double>::infinity();
+  }
+
   // Newton's method with a numerical Jacobian, its step limited so that strong distortion converges too.
   Eigen::Vector2d undistort(const Eigen::Vector2d& distorted) const noexcept {
     if (std::holds_alternative<NoDistortion>(distortion_)) return distorted;
     constexpr double kStep = 1e-6, kTolerance = 1e-12;
     Eigen::Vector2d m = distorted;
+    if (m.norm() > 0.9 * fold_) m *= 0.9 * fold_ / m.norm();
     for (int iteration = 0; iteration < 50; ++iteration) {
       const Eigen::Vector2d error = distorted - distort(m);
-      if (error.norm() < kTolerance) return m;
+      if (error.norm() < kTolerance) break;
       Eigen::Matrix2d jacobian;
       jacobian.col(0) = (distort(m + Eigen::Vector2d(kStep, 0)) - distort(m - Eigen::Vector2d(kStep, 0))) / (2 * kStep);
       jacobian.col(1) = (distort(m + Eigen::Vector2d(0, kStep)) - distort(m - Eigen::Vector2d(0, kStep))) / (2 * kStep);
@@ -119,13 +146,14 @@ class PinholeCamera {
       if (step.norm() > limit) step *= limit / step.norm();
       m += step;
     }
-    if ((distorted - distort(m)).norm() < 1e-9) return m;
+    if ((distorted - distort(m)).norm() < 1e-9 && m.norm() <= fold_) return m;
     return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
   }
 
   SensorSize size_;
   double fx_, fy_, cx_, cy_;
   Distortion distortion_;
+  double fold_ = 0;  // [tangent]
 };
 
 }  // namespace evmarker
