@@ -2,6 +2,7 @@
 // Floor 0. Events: one brightness change at one pixel, as cameras and other libraries deliver them.
 #include <concepts>
 #include <cstdint>
+#include <type_traits>
 
 namespace evmarker {
 
@@ -39,6 +40,7 @@ requires requires(const E& e) {
   { e.y } -> std::convertible_to<int>;
   { e.p } -> std::convertible_to<int>;
   { e.t } -> std::convertible_to<Timestamp>;
+  requires std::integral<std::remove_cvref_t<decltype(e.t)>>;  // seconds must not become whole microseconds
 }
 struct EventTraits<E> {
   static constexpr int x(const E& e) noexcept { return static_cast<int>(e.x); }
@@ -53,6 +55,7 @@ requires requires(const E& e) {
   { e.y() } -> std::convertible_to<int>;
   { e.polarity() } -> std::convertible_to<int>;
   { e.timestamp() } -> std::convertible_to<Timestamp>;
+  requires std::integral<std::remove_cvref_t<decltype(e.timestamp())>>;
 }
 struct EventTraits<E> {
   static constexpr int x(const E& e) noexcept { return static_cast<int>(e.x()); }
