@@ -1,9 +1,9 @@
 #pragma once
 // Floor 1. The frame of last polarities: what frame-based marker detection looks at.
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "evmarker/event.hpp"
@@ -19,7 +19,9 @@ class PolarityFrame {
   static constexpr std::uint8_t kOn = 255;
 
   explicit PolarityFrame(SensorSize size) : size_(size) {
-    if (size.width < 1 || size.height < 1) throw std::invalid_argument("polarity frame: sensor size must be positive");
+    if (size.width < 1 || size.height < 1)
+      throw std::invalid_argument("polarity frame: sensor size is " + std::to_string(size.width) + " x " +
+                                  std::to_string(size.height));
     pixels_.assign(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height), kUntouched);
   }
 

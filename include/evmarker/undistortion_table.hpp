@@ -19,7 +19,9 @@ class UndistortionTable {
   template <CameraModel Camera>
   explicit UndistortionTable(const Camera& camera)
       : size_(camera.sensor_size()), focal_length_(static_cast<double>(camera.focal_length())) {
-    if (size_.width < 1 || size_.height < 1) throw std::invalid_argument("camera: sensor size must be positive");
+    if (size_.width < 1 || size_.height < 1)
+      throw std::invalid_argument("camera: sensor size is " + std::to_string(size_.width) + " x " +
+                                  std::to_string(size_.height));
     if (!(std::isfinite(focal_length_) && focal_length_ > 0))
       throw std::invalid_argument("camera: focal length is " + std::to_string(focal_length_));
     auto lines = std::make_shared<std::vector<Eigen::Vector2f>>();
