@@ -18,8 +18,10 @@ struct MarkerDetection {
   Timestamp t = 0;  ///< of the frame [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
   /// The second solution of a planar pose, mirrored in depth, where it fits nearly as well.
-  std::optional<Eigen::Isometry3d> T_camera_marker_alternative;
-  std::array<Eigen::Vector2d, 4> corners_px{};  ///< in the (distorted) image, from the marker's top left clockwise
+  std::optional<Eigen::Isometry3d> T_camera_marker_alternative = std::nullopt;
+  /// In the (distorted) image, from the marker's top left clockwise.
+  std::array<Eigen::Vector2d, 4> corners_px{Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(),
+                                            Eigen::Vector2d::Zero()};
 };
 
 /// Finds markers in a frame and knows what they look like. May be slow and may allocate; must not keep the frame.

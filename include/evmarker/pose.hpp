@@ -48,7 +48,8 @@ struct PoseEstimate {
   Timestamp t = 0;                                                    ///< [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
   Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
-  std::optional<Vector6d> twist;            ///< rate of the perturbation above [m/s; rad/s], where the rule has one
+  std::optional<Vector6d> twist =
+      std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
   TrackingQuality quality;
 };
 
