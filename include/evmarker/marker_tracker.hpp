@@ -115,11 +115,11 @@ class MarkerTracker {
     quality_.backtrack_t = t_;
   }
 
+  // With less than half of the marker left in the image, no more events will come to tell where it went.
   bool out_of_image() const noexcept {
-    const SegmentMatcher& marker = follower_.matcher();
-    const double f = lines_.focal_length();
-    return (marker.high().array() < f * lines_.low().array()).any() ||
-           (marker.low().array() > f * lines_.high().array()).any();
+    const Eigen::Vector2d centre =
+        (follower_.matcher().low() + follower_.matcher().high()) / (2 * lines_.focal_length());
+    return (centre.array() < lines_.low().array()).any() || (centre.array() > lines_.high().array()).any();
   }
 
   Settings settings_;

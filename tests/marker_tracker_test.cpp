@@ -1,0 +1,190 @@
+#include "evmarker/marker_tracker.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cstring>
+#include <vector>
+
+#include "evmarker/accuracy.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
+#include "simulated.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+std::vector<Event> filtered(const std::vector<Event>& events) {
+  SpatiotemporalFilter filter(simulated::camera.sensor_size());
+  std::vector<Event> kept;
+  for (const Event& event : events)
+    if (filter.accept(event)) kept.push_back(event);
+  return kept;
+}
+
+MarkerTracker<> code_tracker(const Eigen::Isometry3d& start, const MarkerTracker<>::Settings& settings = {}) {
+  return {simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()), start, settings, 7};
+}
+
+// A start as a detection would give it: some millimetres and degrees off.
+Eigen::Isometry3d detected(Eigen::Isometry3d T) {
+  T.translation() += Eigen::Vector3d(0.002, -0.001, 0.012);
+  T.linear() = so3_exp({0.02, -0.015, 0.01}) * T.linear();
+  return T;
+}
+
+}  // namespace
+
+TEST_CASE("a code marker is tracked within the paper's error, at every n") {
+  const Trajectory motion = simulated::near_motion(41);
+  const auto events = filtered(simulated::near_events(motion, 0.6, 41));
+  REQUIRE(events.size() > 200000);
+  for (const int n : {1, 5, 20, 100}) {
+    CAPTURE(n);
+    MarkerTracker tracker = code_tracker(detected(motion(0)), {.events_per_update = n});
+    AccuracyMeter meter;
+    for (const Event& event : events)
+      if (const auto pose = tracker.push(event)) meter.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
+    REQUIRE(meter.poses() > 0.6 * static_cast<double>(events.size()) / n);
+    CHECK(meter.lost() == 0);
+    CHECK(meter.translation_mm().mean < 6);
+    CHECK(meter.rotation_deg().mean < 2.5);
+    CHECK(meter.translation_mm().max < 50);
+    CHECK(meter.coverage(600000) > 0.95);
+  }
+}
+
+TEST_CASE("the outline alone is tracked too, only less well") {
+  const Trajectory motion = simulated::near_motion(42);
+  const auto events = filtered(simulated::near_events(motion, 0.2, 42));
+  MarkerTracker tracker(simulated::camera, make_square_marker(simulated::kMarkerLength), motion(0),
+                        {.min_matched_fraction = 0});  // the cells' events are near the outline and belong to no edge
+  AccuracyMeter meter;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) meter.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
+  REQUIRE(meter.tracking() > 200);
+  CHECK(meter.translation_mm().mean < 15);
+}
+
+TEST_CASE("the first updates are converging, then tracking; poses carry id, time and quality") {
+  const Trajectory motion = simulated::near_motion(43);
+  const auto events = filtered(simulated::near_events(motion, 0.15, 43));
+  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_updates = 30});
+  int poses = 0;
+  for (const Event& event : events) {
+    const auto pose = tracker.push(event);
+    if (!pose) continue;
+    ++poses;
+    CHECK(pose->quality.state == (poses <= 30 ? TrackingState::converging : TrackingState::tracking));
+    CHECK(pose->id == 7);
+    CHECK(pose->t == event.t);
+    CHECK(pose->quality.matched == 100);
+    CHECK(pose->quality.offered >= 100);
+    CHECK(pose->quality.residual_px > 0);
+    CHECK(pose->quality.residual_px < 2);
+    CHECK(pose->information.isZero());  // this rule estimates none, and says so
+    CHECK_FALSE(covariance(*pose));
+    CHECK_FALSE(pose->twist);
+  }
+  REQUIRE(poses > 200);
+  CHECK(tracker.estimate().quality.backtrack_t > 0);
+  CHECK(tracker.estimate().quality.backtrack_px < 5);
+}
+
+TEST_CASE("a copy goes on independently and alike") {
+  const Trajectory motion = simulated::near_motion(44);
+  const auto events = filtered(simulated::near_events(motion, 0.1, 44));
+  MarkerTracker original = code_tracker(motion(0));
+  for (std::size_t i = 0; i < events.size() / 2; ++i) original.push(events[i]);
+  MarkerTracker copy = original;
+  int poses = 0;
+  for (std::size_t i = events.size() / 2; i < events.size(); ++i) {
+    const auto a = original.push(events[i]);
+    const auto b = copy.push(events[i]);
+    REQUIRE(a.has_value() == b.has_value());
+    if (!a) continue;
+    ++poses;
+    REQUIRE(a->T_camera_marker.matrix() == b->T_camera_marker.matrix());
+  }
+  CHECK(poses > 50);
+}
+
+TEST_CASE("foreign event types give the same poses") {
+  struct Foreign {
+    unsigned short x, y;
+    short p;
+    long long t;
+  };
+  const Trajectory motion = simulated::near_motion(45);
+  const auto events = filtered(simulated::near_events(motion, 0.05, 45));
+  MarkerTracker ours = code_tracker(motion(0)), theirs = code_tracker(motion(0));
+  int poses = 0;
+  for (const Event& event : events) {
+    poses += ours.push(event).has_value();
+    theirs.push(Foreign{event.x, event.y, event.p, event.t});
+  }
+  REQUIRE(poses > 20);
+  CHECK(ours.T_camera_marker().matrix() == theirs.T_camera_marker().matrix());
+}
+
+TEST_CASE("events that belong to nothing are survived") {
+  MarkerTracker tracker = code_tracker(facing_pose({0, 0, 0.6}));
+  const Eigen::Matrix4d before = tracker.T_camera_marker().matrix();
+  CHECK_FALSE(tracker.push(Event{640, 10, 1, 5}));
+  CHECK_FALSE(tracker.push(Event{65535, 65535, 0, 6}));
+  CHECK_FALSE(tracker.push(Event{0, 0, 1, 7}));
+  CHECK(tracker.T_camera_marker().matrix() == before);
+  CHECK(tracker.state() == TrackingState::converging);
+}
+
+TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing after that") {
+  const Trajectory motion = simulated::near_motion(46);
+  auto events = filtered(simulated::near_events(motion, 0.2, 46));
+  // From 0.1 s on, the marker's events are scattered over its surroundings: no edge of it is there any more.
+  std::uint64_t state = 46;
+  for (Event& event : events)
+    if (event.t > 100000) {
+      state = state * 6364136223846793005u + 1442695040888963407u;
+      event.x = static_cast<std::uint16_t>(240 + (state >> 33) % 160);
+      event.y = static_cast<std::uint16_t>(160 + (state >> 45) % 160);
+    }
+  MarkerTracker tracker = code_tracker(motion(0));
+  std::vector<PoseEstimate> poses;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) poses.push_back(*pose);
+  REQUIRE(poses.size() > 100);
+  CHECK(poses.back().quality.state == TrackingState::lost);
+  CHECK(poses.back().t > 100000);
+  CHECK(poses.back().t < 130000);
+  for (std::size_t i = 0; i + 1 < poses.size(); ++i) CHECK(poses[i].quality.state != TrackingState::lost);
+  CHECK(tracker.state() == TrackingState::lost);
+}
+
+TEST_CASE("a marker that leaves the image is lost") {
+  const Trajectory motion =
+      trajectory::linear(facing_pose({0.25, 0, 0.6}, {0.1, 0.1, 0.2}), {1.2, 0, 0});  // past the right edge in 0.2 s
+  const auto events = filtered(simulated::near_events(motion, 0.3, 47));
+  MarkerTracker tracker = code_tracker(motion(0));
+  int poses = 0;
+  bool lost = false;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) {
+      ++poses;
+      lost = pose->quality.state == TrackingState::lost;
+    }
+  REQUIRE(poses > 50);
+  CHECK(lost);
+}
+
+TEST_CASE("what cannot work is refused by name") {
+  const auto square = make_square_marker(0.1);
+  const auto pose = facing_pose({0, 0, 0.6});
+  using Settings = MarkerTracker<>::Settings;
+  const auto make = [&](const Settings& settings) { return MarkerTracker(simulated::camera, square, pose, settings); };
+  CHECK_THROWS_WITH(make({.events_per_update = 0}), doctest::Contains("events_per_update is 0"));
+  CHECK_THROWS_WITH(make({.converging_updates = -1}), doctest::Contains("converging_updates is -1"));
+  CHECK_THROWS_WITH(make({.min_matched_fraction = 1}), doctest::Contains("min_matched_fraction"));
+  CHECK_THROWS_WITH(make({.matched_fraction_events = 0}), doctest::Contains("matched_fraction_events is 0"));
+  CHECK_THROWS_WITH(make({.update = {.translation_gain = -2}}), doctest::Contains("translation_gain is -2"));
+  CHECK_THROWS_WITH(MarkerTracker(simulated::camera, square, facing_pose({0, 0, -1})), doctest::Contains("in front"));
+  CHECK_THROWS_WITH(MarkerTracker(simulated::camera, MarkerModel{}, pose), doctest::Contains("no segments"));
+}

@@ -1,0 +1,43 @@
+#pragma once
+// The recordings that the trackers' tests share: a 10 cm marker at 0.5 to 0.7 m, up to about 1100 px/s.
+#include <vector>
+
+#include "evmarker/event_stream.hpp"
+#include "evmarker/simulator.hpp"
+#include "evmarker/trajectory.hpp"
+
+namespace evmarker::simulated {
+
+inline const PinholeCamera camera{{640, 480}, 533, 533, 319.5, 239.5};
+constexpr double kMarkerLength = 0.10;
+
+/// The cells of DICT_4X4_50's markers 0 and 1, so that tests of the core need no OpenCV.
+inline CodeBits code(int id = 0) {
+  CodeBits bits(4, 4);
+  if (id == 0)
+    bits << 1, 0, 1, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0;
+  else
+    bits << 0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 0, 1, 1, 0, 1, 0;
+  return bits;
+}
+
+/// Hand-held sway, its fastest moments at about 1100 px/s.
+inline Trajectory near_motion(std::uint64_t seed) {
+  return trajectory::handheld(
+      {.T_center = facing_pose({0, 0, 0.6}), .amplitude_m = {0.10, 0.08, 0.10}, .frequency_hz = 1.3, .seed = seed});
+}
+
+/// Every event of a simulation.
+inline std::vector<Event> record(Simulator&& simulator) {
+  std::vector<Event> events;
+  for_each_event(simulator, [&](const Event& event) { events.push_back(event); });
+  return events;
+}
+
+/// Marker `id` on `motion`, 1 Hz/px noise.
+inline std::vector<Event> near_events(const Trajectory& motion, double duration_s, std::uint64_t seed, int id = 0) {
+  return record({camera, {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
+                 SimulatorSettings{.duration_s = duration_s, .seed = seed}});
+}
+
+}  // namespace evmarker::simulated
