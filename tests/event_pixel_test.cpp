@@ -113,3 +113,22 @@ TEST_CASE("noise fires a living pixel, not a dead one, and resets it") {
   pixel.advance(2000, 3000, 0.5, dynamics, std::ref(fired));
   CHECK(fired.events.size() == 2);
 }
+
+TEST_CASE("an event never comes before the step that makes it, whatever rounding does at a threshold") {
+  EventPixel pixel(1, 0.1, 0.1);
+  Fired fired;
+  pixel.advance(0, 1000, 1.1000000014, {0, 0}, std::ref(fired));  // just below 1 + 0.1f, but not in single precision
+  REQUIRE(fired.events.empty());
+  pixel.advance(1000, 2000, 1.1000002, {0, 0}, std::ref(fired));
+  REQUIRE(fired.events.size() == 1);
+  CHECK(fired.events[0].first >= 1000);
+  CHECK(fired.events[0].first < 1010);
+}
+
+TEST_CASE("a threshold that is reached exactly at the end of a step fires there") {
+  EventPixel pixel(0, 0.25, 0.25);
+  Fired fired;
+  pixel.advance(0, 1000, 0.25, {0, 0}, std::ref(fired));
+  REQUIRE(fired.events.size() == 1);
+  CHECK(fired.events[0].first == 1000);
+}

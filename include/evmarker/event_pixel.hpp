@@ -89,7 +89,8 @@ class EventPixel {
       double below = level(low) - target, above = level(high) - target;
       double t = high;
       for (int iteration = 0; iteration < 40 && high - low > 1e-3; ++iteration) {
-        t = above != below ? high - above * (high - low) / (above - below) : high;
+        if (below == 0 || above * below > 0) return low;  // there already, by the rounding of what is stored
+        t = std::fmin(std::fmax(high - above * (high - low) / (above - below), low), high);
         const double error = level(t) - target;
         if (std::abs(error) < 1e-9) break;
         if ((error > 0) == (above > 0)) {
