@@ -68,8 +68,9 @@ class SceneRenderer {
   void blend_marker(std::size_t index, const Frame& frame, const Sight& sight, auto&& add_layer,
                     double& clearance) const;
 
-  // Clearances are linear extrapolations: kept on the safe side of lens and perspective. A pixel may sleep until an edge
-  // is within 3.5 sigma, where the light has changed by 2e-4 of the step, and then takes the change as part of a ramp.
+  // Clearances are linear extrapolations: kept on the safe side of lens and perspective. A pixel may sleep until an
+  // edge is within 3.5 sigma, where the light has changed by 2e-4 of the step, and then takes the change as part of a
+  // ramp.
   double safe_clearance(double distance_px) const { return 0.85 * distance_px - 3.5 * point_spread_px_; }
 
   PinholeCamera camera_;
@@ -106,7 +107,6 @@ class SceneRenderer::Frame {
 inline void SceneRenderer::compute_sights() {
   const auto [width, height] = camera_.sensor_size();
   std::vector<Eigen::Vector2d> rays;  // one more on each side, so that borders have neighbours too
-  rays.reserve(static_cast<std::size_t>((width + 2) * (height + 2)));
   for (int y = -1; y <= height; ++y)
     for (int x = -1; x <= width; ++x) rays.push_back(camera_.line_of_sight({x, y}).template head<2>());
   sights_.reserve(static_cast<std::size_t>(width * height));
@@ -175,8 +175,7 @@ inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
 
 inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, int x, int y) const {
   const Sight& sight = sights_[static_cast<std::size_t>(y * camera_.sensor_size().width + x)];
-  const double infinity = std::numeric_limits<double>::infinity();
-  double light = 0, remaining = 1, clearance = infinity;
+  double light = 0, remaining = 1, clearance = std::numeric_limits<double>::infinity();
 
   for (std::size_t i = 0; i < frame.occluders_.size(); ++i) {
     const auto& view = frame.occluders_[i];
@@ -293,7 +292,6 @@ inline std::vector<float> SceneRenderer::render(double seconds) const {
   const auto [width, height] = camera_.sensor_size();
   const Frame frame = at(seconds);
   std::vector<float> image;
-  image.reserve(static_cast<std::size_t>(width * height));
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) image.push_back(static_cast<float>(sample(frame, x, y).intensity));
   return image;
