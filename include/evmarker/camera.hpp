@@ -1,5 +1,5 @@
 #pragma once
-// Floor 0. Camera models: from a point in space to a pixel and from a pixel to its line of sight.
+// Floor 1. Camera models: from a point in space to a pixel and from a pixel to its line of sight.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 1. The line of sight of every pixel, looked up instead of computed for every event.
+// Floor 2. The line of sight of every pixel, looked up instead of computed for every event.
 #include <Eigen/Core>
 #include <cmath>
 #include <limits>
