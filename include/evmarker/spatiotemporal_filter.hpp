@@ -16,12 +16,14 @@ namespace evmarker {
 /// least of all itself. The paper's preprocessing, 2000 us.
 class SpatiotemporalFilter {
  public:
-  /// @throws std::invalid_argument if the window is not in (0, 15 minutes]
+  /// @throws std::invalid_argument if the window is not in (0, 8 minutes]
   explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = std::chrono::microseconds(2000))
       : stride_(static_cast<std::size_t>(size.width) + 2), window_(static_cast<std::uint32_t>(window.count())) {
-    if (size.width < 1 || size.height < 1) throw std::invalid_argument("filter: sensor size must be positive");
-    if (window.count() < 1 || window > std::chrono::minutes(15))
-      throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in (0, 15 min]");
+    if (size.width < 1 || size.height < 1)
+      throw std::invalid_argument("filter: sensor size is " + std::to_string(size.width) + " x " +
+                                  std::to_string(size.height));
+    if (window.count() < 1 || window > std::chrono::minutes(8))
+      throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in (0, 8 min]");
     last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
   }
 
@@ -44,7 +46,8 @@ class SpatiotemporalFilter {
 
  private:
   // Times are kept as their low 32 bits. So that a pixel that was silent for 71 minutes does not look recent when they
-  // come round, stale times are moved to the far side of the circle well before that.
+  // come round, stale times are moved to the far side of the circle well before that. From there they look stale until
+  // the next sweep and in it, or all are stale by then, as long as twice the window is less than the interval.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;
   static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;
 
@@ -55,7 +58,7 @@ class SpatiotemporalFilter {
 
   void sweep(Timestamp t) noexcept {
     const auto now = static_cast<std::uint32_t>(t);
-    const bool all_stale = distance(t, swept_at_) > 2 * kSweepInterval;  // also before the first event
+    const bool all_stale = distance(t, swept_at_) > kSweepInterval + window_;  // also before the first event
     for (std::uint32_t& last : last_)
       if (all_stale || now - last + window_ > 2 * window_) last = now + kFarSide;
     swept_at_ = t;
