@@ -52,14 +52,15 @@ class SegmentMatcher {
     vertices_.resize(model_.vertices.size());
   }
 
-  /// Projects the wireframe at a pose. False, and no event matches, while any vertex is not in front of the camera.
+  /// Projects the wireframe at a pose. False, and no event matches, while any vertex is not in front of the camera or
+  /// not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     visible_ = false;
     low_.setConstant(std::numeric_limits<double>::infinity());
     high_ = -low_;
     for (std::size_t i = 0; i < vertices_.size(); ++i) {
       vertices_[i].noalias() = T_camera_marker * model_.vertices[i];
-      if (!(vertices_[i].z() > 1e-6)) return false;  // NaN too
+      if (!(vertices_[i].z() > 1e-6 && vertices_[i].allFinite())) return false;
       const Eigen::Vector2d v = focal_length_ / vertices_[i].z() * vertices_[i].head<2>();
       low_ = low_.cwiseMin(v);
       high_ = high_.cwiseMax(v);
@@ -70,15 +71,17 @@ class SegmentMatcher {
     return true;
   }
 
-  /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `near` means within three times the
-  /// maximal distance of some segment, `far` anything beyond; `correspondence` is written if the result is `matched`.
+  /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `near` means beside some segment and
+  /// within three times the maximal distance of it, `far` anything else; `correspondence` holds the match if the result
+  /// is `matched`, and nothing of use otherwise.
   MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     if (!visible_) return MatchResult::far;
     const Eigen::Vector2d u = focal_length_ * m;
     const double reach = 3 * settings_.max_distance_px;
     if (!((u - low_).minCoeff() > -reach && (high_ - u).minCoeff() > -reach)) return MatchResult::far;
 
-    double best = reach, second = reach, signed_best = 0;
+    constexpr double kNone = std::numeric_limits<double>::infinity();
+    double best = kNone, second = kNone, signed_best = 0;
     int nearest = -1;
     for (std::size_t i = 0; i < segments_.size(); ++i) {
       const ProjectedSegment& segment = segments_[i];
@@ -86,7 +89,7 @@ class SegmentMatcher {
       const double foot = offset.dot(segment.direction);
       const double distance = offset.dot(segment.normal);  // Eq. (1), signed
       const bool beside = std::abs(foot - segment.half_length) <= segment.half_length + settings_.end_margin_px;
-      const double d = beside ? std::abs(distance) : reach;
+      const double d = beside ? std::abs(distance) : kNone;
       second = std::min(second, std::max(best, d));
       if (d < best) {
         best = d;
@@ -94,7 +97,7 @@ class SegmentMatcher {
         nearest = static_cast<int>(i);
       }
     }
-    if (nearest < 0) return MatchResult::far;
+    if (!(best < reach)) return MatchResult::far;
     if (best > settings_.max_distance_px) return MatchResult::near;
     if (second - best < settings_.ambiguity_px) return MatchResult::ambiguous;
 
