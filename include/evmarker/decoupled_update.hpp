@@ -36,7 +36,10 @@ class DecoupledUpdate {
  public:
   using Settings = DecoupledSettings;
 
+  /// @throws std::invalid_argument naming the setting and its value
   DecoupledUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
+    if (events_per_update < 1)
+      throw std::invalid_argument("decoupled update: events_per_update is " + std::to_string(events_per_update));
     if (settings_.averaging_weight == 0) settings_.averaging_weight = std::min(0.1, 1.0 / events_per_update);
     const auto require = [](bool good, const char* name, double value) {
       if (!good) throw std::invalid_argument(std::string("decoupled update: ") + name + " is " + std::to_string(value));
@@ -72,9 +75,11 @@ class DecoupledUpdate {
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
     const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * (A_inverse * B_);  // Eqs. (7), (10)
     const Eigen::Vector3d r = renewed_ * settings_.rotation_gain * (Gamma_ / unit2);      // r = lambda_r Gamma
-    if (!invertible || !dT.allFinite() || !r.allFinite()) return false;
-    T_camera_marker.translation() += dT;
-    T_camera_marker.linear() = orthonormalized(so3_exp(r) * T_camera_marker.linear());  // Eq. (12)
+    const Eigen::Vector3d T = T_camera_marker.translation() + dT;
+    const Eigen::Matrix3d R = orthonormalized(so3_exp(r) * T_camera_marker.linear());  // Eq. (12)
+    if (!invertible || !T.allFinite() || !R.allFinite()) return false;
+    T_camera_marker.translation() = T;
+    T_camera_marker.linear() = R;
     return true;
   }
 

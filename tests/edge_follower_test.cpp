@@ -1,0 +1,299 @@
+#include "evmarker/edge_follower.hpp"
+
+#include <doctest/doctest.h>
+
+#include <limits>
+#include <numbers>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "evmarker/decoupled_update.hpp"
+
+using Eigen::Isometry3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using evmarker::Correspondence;
+using evmarker::DecoupledUpdate;
+using evmarker::EdgeFollower;
+using evmarker::MarkerModel;
+using evmarker::MatchResult;
+using evmarker::Matrix6d;
+using evmarker::Timestamp;
+using evmarker::Vector6d;
+
+namespace {
+
+constexpr double kFocal = 500;
+
+// A rule that counts what it is asked and does as it is told.
+struct CountingRule {
+  struct Settings {
+    bool skip = false;
+    double step_z = 0;
+  };
+  CountingRule(const Settings& given, int events) : settings(given), events_per_update(events) {}
+  void add(const Correspondence& c, const Isometry3d& T_camera_marker) noexcept {
+    ++added;
+    added_at = T_camera_marker.translation();
+    last_distance = c.distance_px;
+  }
+  bool update(Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    ++updates;
+    updated_at = t;
+    if (settings.skip) return false;
+    T_camera_marker.translation().z() += settings.step_z;
+    return true;
+  }
+  void reverse() noexcept { ++reversals; }
+  Matrix6d information() const noexcept { return Matrix6d::Zero(); }
+  std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
+
+  Settings settings;
+  int events_per_update, added = 0, updates = 0, reversals = 0;
+  Timestamp updated_at = 0;
+  Vector3d added_at{0, 0, 0};
+  double last_distance = 0;
+};
+
+using CountingFollower = EdgeFollower<CountingRule>;
+using Follower = EdgeFollower<DecoupledUpdate>;
+
+// From (-50, 0) to (50, 0) px at 1 m, dark below.
+MarkerModel lone_edge() { return {{{-0.1, 0, 0}, {0.1, 0, 0}}, {{0, 1, {0, 1, 0}}}}; }
+
+Isometry3d pose(const Vector3d& r, const Vector3d& translation) {
+  Isometry3d T = Isometry3d::Identity();
+  if (r.norm() > 0) T.linear() = Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix();
+  T.translation() = translation;
+  return T;
+}
+const Isometry3d kAhead = pose({0, 0, 0}, {0, 0, 1});
+
+Vector2d px(double x, double y) { return Vector2d(x, y) / kFocal; }
+
+// A square of 10 cm that faces the camera, drifts and turns; its events lie exactly on its edges.
+constexpr double kHalf = 0.05;
+Vector3d corner(int i) { return {i % 4 == 1 || i % 4 == 2 ? kHalf : -kHalf, i % 4 < 2 ? kHalf : -kHalf, 0}; }
+Isometry3d truth_at(double seconds) {
+  const double w = 2 * std::numbers::pi * 0.5 * seconds;
+  Isometry3d T =
+      pose({std::numbers::pi, 0, 0}, {0.03 * std::sin(w), 0.02 * (1 - std::cos(w)), 0.5 + 0.02 * std::sin(w)});
+  T.linear() = Eigen::AngleAxisd(0.3 * std::sin(w), Vector3d(0.3, 0.5, 0.8).normalized()) * T.linear();
+  return T;
+}
+
+struct Sight {
+  Vector2d m;
+  Timestamp t;
+};
+std::vector<Sight> square_events(int count, Timestamp duration_us) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> place(0, 1);
+  std::vector<Sight> events;
+  for (int i = 0; i < count; ++i) {
+    const Timestamp t = duration_us * i / count;
+    const int edge = static_cast<int>(random() % 4);
+    const double s = place(random);
+    const Vector3d point = truth_at(1e-6 * static_cast<double>(t)) * ((1 - s) * corner(edge) + s * corner(edge + 1));
+    events.push_back({point.head<2>() / point.z(), t});
+  }
+  return events;
+}
+
+double corner_error_px(const Isometry3d& estimate, const Isometry3d& truth) {
+  double worst = 0;
+  for (int i = 0; i < 4; ++i) {
+    const Vector3d a = estimate * corner(i), b = truth * corner(i);
+    worst = std::max(worst, kFocal * (a.head<2>() / a.z() - b.head<2>() / b.z()).norm());
+  }
+  return worst;
+}
+
+}  // namespace
+
+TEST_CASE("every n matched events make one update") {
+  for (const int n : {1, 2, 7, 100}) {
+    CAPTURE(n);
+    CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = n});
+    CHECK(follower.rule().events_per_update == n);
+    int matched = 0;
+    for (int i = 0; i < 1000; ++i) {
+      const bool on_edge = i % 3 != 2;
+      const auto result = follower.push(on_edge ? px(i % 40, 1) : px(0, 4), 10 * i);
+      matched += on_edge;
+      REQUIRE(result.match == (on_edge ? MatchResult::matched : MatchResult::near));
+      REQUIRE(result.updated == (on_edge && matched % n == 0));
+      REQUIRE(follower.rule().added == matched);
+      REQUIRE(follower.rule().updates == matched / n);
+      if (result.updated) REQUIRE(follower.rule().updated_at == 10 * i);
+    }
+    CHECK(matched == 667);
+  }
+}
+
+TEST_CASE("statistics, worked by hand") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 3});
+  CHECK(follower.last_update().matched == 0);
+  CHECK(follower.push(px(0, 1), 1).match == MatchResult::matched);
+  CHECK(follower.push(px(0, 5), 2).match == MatchResult::near);  // offered, not matched
+  CHECK(follower.push(px(0, 50), 3).match == MatchResult::far);  // neither
+  CHECK(follower.push(px(0, -2), 4).match == MatchResult::matched);
+  CHECK(follower.push(px(0, -3), 5).match == MatchResult::near);
+  CHECK(follower.rule().last_distance == doctest::Approx(-2));
+  CHECK(follower.last_update().matched == 0);  // not before the update
+  CHECK(follower.push(px(0, 0.5), 6).updated);
+  CHECK(follower.last_update().matched == 3);
+  CHECK(follower.last_update().offered == 5);
+  CHECK(follower.last_update().residual_px == doctest::Approx(std::sqrt((1 + 4 + 0.25) / 3)));
+  for (int i = 0; i < 3; ++i) follower.push(px(10, -1), 7 + i);
+  CHECK(follower.last_update().matched == 3);  // each update begins anew
+  CHECK(follower.last_update().offered == 3);
+  CHECK(follower.last_update().residual_px == doctest::Approx(1));
+}
+
+TEST_CASE("ambiguous events are offered, not matched") {
+  const MarkerModel pair{{{-0.1, 0, 0}, {0.1, 0, 0}, {-0.1, 0.006, 0}, {0.1, 0.006, 0}},
+                         {{0, 1, {0, 1, 0}}, {2, 3, {0, -1, 0}}}};
+  CountingFollower follower(pair, kFocal, kAhead, {.events_per_update = 1});
+  CHECK(follower.push(px(0, 1.5), 0).match == MatchResult::ambiguous);
+  CHECK(follower.rule().added == 0);
+  CHECK(follower.push(px(0, 0), 1).updated);
+  CHECK(follower.last_update().offered == 2);
+  CHECK(follower.last_update().matched == 1);
+}
+
+TEST_CASE("after an update events are matched at the new pose") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 1, .update = {.step_z = 1}});
+  CHECK(follower.push(px(40, 0), 0).match == MatchResult::matched);
+  CHECK(follower.T_camera_marker().translation().z() == 2);
+  CHECK(follower.push(px(40, 0), 1).match == MatchResult::far);  // at 2 m the edge ends at 25 px
+  CHECK(follower.push(px(20, 0), 2).match == MatchResult::matched);
+  CHECK(follower.rule().added_at.z() == 2);
+}
+
+TEST_CASE("a skipped update is counted and changes nothing") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead,
+                            {.events_per_update = 2, .update = {.skip = true, .step_z = 1}});
+  for (int i = 0; i < 10; ++i) CHECK_FALSE(follower.push(px(0, 0), i).updated);
+  CHECK(follower.rule().updates == 5);
+  CHECK(follower.skipped_updates() == 5);
+  CHECK(follower.T_camera_marker().matrix() == kAhead.matrix());
+  CHECK(follower.in_front());
+}
+
+TEST_CASE("a marker moved behind the camera matches nothing any more") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 1, .update = {.step_z = -2}});
+  CHECK(follower.in_front());
+  CHECK(follower.push(px(0, 0), 0).updated);
+  CHECK_FALSE(follower.in_front());
+  for (int i = 0; i < 10; ++i) CHECK(follower.push(px(0, 0), i).match == MatchResult::far);
+  CHECK(follower.rule().updates == 1);
+}
+
+TEST_CASE("reversing starts a new collection and tells the rule") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 3});
+  follower.push(px(0, 2), 0);
+  follower.push(px(0, 2), 1);
+  follower.reverse();
+  CHECK(follower.rule().reversals == 1);
+  CHECK_FALSE(follower.push(px(0, 1), 2).updated);
+  CHECK_FALSE(follower.push(px(0, 1), 3).updated);
+  CHECK(follower.push(px(0, 1), 4).updated);
+  CHECK(follower.last_update().offered == 3);
+  CHECK(follower.last_update().residual_px == doctest::Approx(1));
+}
+
+TEST_CASE("an event without a line of sight is far") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 1});
+  CHECK(follower.push(Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()), 0).match == MatchResult::far);
+  CHECK(follower.rule().added == 0);
+}
+
+TEST_CASE("a slowly moving square is followed to a fraction of a pixel") {
+  const auto events = square_events(400000, 2'000'000);  // one whole period
+  for (const int n : {1, 5, 20, 100}) {
+    CAPTURE(n);
+    Follower follower(evmarker::make_square_marker(2 * kHalf), kFocal, truth_at(0), {.events_per_update = n});
+    double worst_px = 0, worst_m = 0, farthest_px = 0;
+    int updates = 0, matched = 0;
+    for (const Sight& event : events) {
+      const auto result = follower.push(event.m, event.t);
+      matched += result.match == MatchResult::matched;
+      if (!result.updated) continue;
+      ++updates;
+      const Isometry3d truth = truth_at(1e-6 * static_cast<double>(event.t));
+      worst_px = std::max(worst_px, corner_error_px(follower.T_camera_marker(), truth));
+      worst_m = std::max(worst_m, (follower.T_camera_marker().translation() - truth.translation()).norm());
+      farthest_px = std::max(farthest_px, corner_error_px(truth, truth_at(0)));
+      REQUIRE(follower.last_update().matched == n);
+      REQUIRE(follower.last_update().residual_px < 1);
+    }
+    MESSAGE("n = " << n << ": " << worst_px << " px, " << 1e3 * worst_m << " mm at worst");
+    CHECK(farthest_px > 40);                                     // so there was something to follow
+    CHECK(matched > 0.95 * static_cast<double>(events.size()));  // the corners are ambiguous
+    CHECK(updates == matched / n);
+    CHECK(worst_px < 0.5);
+    CHECK(worst_m < 3e-3);
+    CHECK(follower.skipped_updates() == 0);
+  }
+}
+
+TEST_CASE("a displaced start is captured") {
+  const auto events = square_events(100000, 500'000);
+  Isometry3d start = truth_at(0);
+  start.translation() += Vector3d(0.001, -0.0012, 0.003);
+  REQUIRE(corner_error_px(start, truth_at(0)) > 1.2);
+  Follower follower(evmarker::make_square_marker(2 * kHalf), kFocal, start, {.events_per_update = 20});
+  for (const Sight& event : events) follower.push(event.m, event.t);
+  CHECK(corner_error_px(follower.T_camera_marker(), truth_at(0.5)) < 0.5);
+}
+
+TEST_CASE("the same events give the same poses, and copies go their own ways") {
+  const auto events = square_events(20000, 100'000);
+  Follower first(evmarker::make_square_marker(2 * kHalf), kFocal, truth_at(0), {.events_per_update = 7});
+  Follower second = first;
+  for (const Sight& event : events) {
+    const auto a = first.push(event.m, event.t), b = second.push(event.m, event.t);
+    REQUIRE(a.updated == b.updated);
+  }
+  CHECK(first.T_camera_marker().matrix() == second.T_camera_marker().matrix());  // bit for bit
+  CHECK(first.T_camera_marker().matrix() != truth_at(0).matrix());
+  const Isometry3d kept = first.T_camera_marker();
+  Follower branch = first;
+  branch.reverse();
+  for (std::size_t i = events.size(); i-- > 0;) branch.push(events[i].m, 200'000 - events[i].t);
+  CHECK(first.T_camera_marker().matrix() == kept.matrix());
+  CHECK(branch.T_camera_marker().matrix() != kept.matrix());
+  CHECK(corner_error_px(branch.T_camera_marker(), truth_at(0)) < 0.5);  // back where it came from
+  for (const Sight& event : square_events(30000, 150'000))
+    if (event.t >= 100'000) {
+      first.push(event.m, event.t);
+      second.push(event.m, event.t);
+    }
+  CHECK(first.T_camera_marker().matrix() == second.T_camera_marker().matrix());
+}
+
+TEST_CASE("a rule that takes any number of events still gets one at least") {
+  CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.events_per_update = 0}),
+                       "events_per_update is 0", std::invalid_argument);
+}
+
+TEST_CASE("impossible settings and poses are refused with field and value") {
+  const auto message_of = [](const Isometry3d& T, const Follower::Settings& settings) -> std::string {
+    try {
+      const Follower follower(evmarker::make_square_marker(0.1), kFocal, T, settings);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  CHECK(message_of(kAhead, {}) == "accepted");
+  CHECK(message_of(kAhead, {.events_per_update = 0}) == "decoupled update: events_per_update is 0");
+  CHECK(message_of(kAhead, {.events_per_update = -100}) == "decoupled update: events_per_update is -100");
+  CHECK(message_of(kAhead, {.matching = {.max_distance_px = -2}}) == "segment matcher: max_distance_px is -2.000000");
+  CHECK(message_of(kAhead, {.update = {.rotation_gain = -1}}) == "decoupled update: rotation_gain is -1.000000");
+  for (const Vector3d& t : {Vector3d(0, 0, -1), Vector3d(0, 0, 0), Vector3d(nan, 0, 1), Vector3d(0, 0, nan)})
+    CHECK(message_of(pose({0, 0, 0}, t), {}) == "T_camera_marker does not put the marker in front of the camera");
+}
