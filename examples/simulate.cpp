@@ -1,0 +1,107 @@
+// Simulates an event camera in front of markers: a RAW recording, its calibration and its truth.
+#include <cstdio>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/io/pose_writer.hpp>
+#include <evmarker/io/raw_writer.hpp>
+#include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/opencv/calibration.hpp>
+#include <string>
+#include <vector>
+
+#include "console.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+struct Options {
+  std::string recording, camera = "camera.yml", truth, dictionary = "DICT_4X4_50", motion = "handheld";
+  std::vector<int> ids{7}, size{640, 480};
+  double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3;
+  SimulatorSettings sensor{.duration_s = 3};
+  bool quiet = false;
+
+  void add_to(CLI::App& app) {
+    app.add_option("recording", recording, "EVT3 RAW file to write")->required();
+    app.add_option("--camera", camera, "calibration to write")->capture_default_str();
+    app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
+    app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")->capture_default_str();
+    app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
+    app.add_option("--marker-length", marker_length, "side of the black square [m]")->capture_default_str();
+    app.add_option("--size", size, "sensor, as 640,480 [px]")->delimiter(',')->expected(2)->capture_default_str();
+    app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")->capture_default_str();
+    app.add_option("--distance", distance_m, "of the markers from the camera [m]")->capture_default_str();
+    app.add_option("--motion", motion, "how the markers move")
+        ->check(CLI::IsMember({"handheld", "spin", "linear", "stop-and-go"}))
+        ->capture_default_str();
+    app.add_option("--sway", sway_m, "how far they move to each side [m]")->capture_default_str();
+    app.add_option("--frequency", frequency_hz, "of the motion [Hz]")->capture_default_str();
+    app.add_option("--duration", sensor.duration_s, "[s]")->capture_default_str();
+    app.add_option("--noise", sensor.noise_hz_per_px, "events without a cause [Hz per pixel]")->capture_default_str();
+    app.add_option("--lag-us", sensor.pixel_time_constant_us, "time constant of the pixels in dim light [us]");
+    app.add_option("--seed", sensor.seed, "of sensor and motion")->capture_default_str();
+    app.add_flag("--quiet", quiet, "no progress bar");
+  }
+};
+
+Trajectory make_motion(const Options& o, std::size_t place) {
+  const double spacing = 1.6 * o.marker_length;
+  const double x = (static_cast<double>(place) - 0.5 * (static_cast<double>(o.ids.size()) - 1)) * spacing;
+  const Eigen::Isometry3d centre = facing_pose({x, 0, o.distance_m});
+  const Trajectory sway = trajectory::handheld({.T_center = centre,
+                                                .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
+                                                .frequency_hz = o.frequency_hz,
+                                                .seed = o.sensor.seed + place});
+  if (o.motion == "spin") return trajectory::spin(centre, {0, 0, 1}, 2 * std::numbers::pi * o.frequency_hz);
+  if (o.motion == "linear") {
+    const double speed = 2 * o.sway_m / o.sensor.duration_s;
+    return trajectory::linear(facing_pose({x - o.sway_m, 0, o.distance_m}), {speed, 0, 0});
+  }
+  return o.motion == "stop-and-go" ? trajectory::stop_and_go(sway, 0.5, 0.5) : sway;
+}
+
+void simulate(const Options& o) {
+  const SensorSize size{o.size[0], o.size[1]};
+  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  const opencv::ArucoDetector markers(camera, {.dictionary = o.dictionary, .marker_length = o.marker_length});
+  std::vector<SimulatedMarker> scene;
+  for (std::size_t i = 0; i < o.ids.size(); ++i)
+    scene.push_back({.id = o.ids[i],
+                     .length = o.marker_length,
+                     .bits = markers.bits(o.ids[i]),
+                     .T_camera_marker = make_motion(o, i)});
+  Simulator simulator(camera, scene, o.sensor);
+  io::RawWriter recording(o.recording, size);
+  {
+    console::ProgressBar progress(o.quiet);
+    const auto end = static_cast<std::uint64_t>(o.sensor.duration_s * 1e6);
+    for (auto batch = simulator.next_batch(); !batch.empty(); batch = simulator.next_batch()) {
+      recording.write(batch);
+      progress.update(static_cast<std::uint64_t>(simulator.now()), end);
+    }
+  }
+  if (!o.truth.empty()) {
+    io::PoseCsvWriter truth(o.truth);
+    for (Timestamp t = 0; t <= static_cast<Timestamp>(o.sensor.duration_s * 1e6); t += 1000)
+      for (std::size_t i = 0; i < scene.size(); ++i)
+        truth.write({.id = o.ids[i],
+                     .t = t,
+                     .T_camera_marker = simulator.T_camera_marker(i, t),
+                     .quality = {.state = TrackingState::tracking}});
+    truth.close();
+  }
+  opencv::save_calibration(o.camera, camera);
+  recording.close();
+  std::printf("%s: %llu events, up to %.0f px/s, markers of about %.0f px\n", o.recording.c_str(),
+              static_cast<unsigned long long>(recording.events_written()), simulator.peak_speed_px_per_s(),
+              o.focal_px * o.marker_length / o.distance_m);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Simulates an event camera in front of markers.", "simulate");
+  Options options;
+  options.add_to(app);
+  return console::run(app, argc, argv, [&] { simulate(options); });
+}

@@ -1,0 +1,68 @@
+// Tracks the markers of a recording: poses as CSV, a summary, a picture, the error against the truth.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/io/event_reader.hpp>
+#include <evmarker/io/pose_reader.hpp>
+#include <evmarker/io/pose_writer.hpp>
+#include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/opencv/calibration.hpp>
+#include <evmarker/opencv/overlay.hpp>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
+#include <optional>
+#include <stdexcept>
+
+#include "console.hpp"
+#include "track_options.hpp"
+#include "track_summary.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+void track(const TrackOptions& options) {
+  const PinholeCamera camera = opencv::load_calibration(options.camera);
+  opencv::ArucoDetector detector(camera, options.detector());
+  io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
+  if (const auto [width, height] = recording.sensor_size(); camera.sensor_size() != recording.sensor_size())
+    throw std::runtime_error(options.recording + ": recorded with " + std::to_string(width) + " x " +
+                             std::to_string(height) + " px, but image_width and image_height of " + options.camera +
+                             " say " + std::to_string(camera.sensor_size().width) + " x " +
+                             std::to_string(camera.sensor_size().height) + " px");
+  std::optional<io::GroundTruth> truth;
+  if (!options.truth.empty()) truth = io::GroundTruth::read(options.truth);
+  std::optional<io::PoseCsvWriter> output;
+  if (!options.output.empty()) output.emplace(options.output);
+
+  Tracker tracker(camera, detector, options.settings());
+  TrackSummary summary;
+  Snapshot snapshot(options.overlay);
+  console::ProgressBar progress(options.quiet);
+  const auto start = std::chrono::steady_clock::now();
+  for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
+    for (const Event& event : batch)
+      for (const PoseEstimate& pose : tracker.push(event)) {
+        if (output) output->write(pose);
+        summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
+      }
+    summary.add(batch);
+    snapshot.take(camera, tracker);
+    progress.update(recording.bytes_read(), recording.bytes_total());
+  }
+  const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
+
+  if (output) output->close();
+  snapshot.write();
+  summary.print(recording.statistics(), tracker.statistics(), wall.count());
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Tracks fiducial markers in an event camera's recording.", "track_file");
+  TrackOptions options;
+  options.add_to(app);
+  return console::run(app, argc, argv, [&] { track(options); });
+}

@@ -1,0 +1,48 @@
+#pragma once
+// The options of every program that tracks markers.
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/opencv/aruco_detector.hpp>
+#include <string>
+#include <vector>
+
+struct TrackOptions {
+  std::string recording, camera, dictionary = "DICT_4X4_50", update = "decoupled", output, truth, overlay;
+  double marker_length = 0;
+  std::vector<int> ids;
+  int events_per_update = 100;
+  int filter_window_us = 2000;
+  bool quiet = false;
+
+  void add_to(CLI::App& app) {
+    app.add_option("recording", recording, "Prophesee RAW (EVT2, EVT2.1, EVT3) or text (x,y,p,t or t x y p)")
+        ->required();
+    app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
+    app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
+        ->capture_default_str();
+    app.add_option("--marker-length", marker_length, "side of the black square [m]")->required();
+    app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
+    app.add_option("--update", update, "update rule: decoupled (the paper's, tuned) or paper (with its own numbers)")
+        ->check(CLI::IsMember({"decoupled", "paper"}))
+        ->capture_default_str();
+    app.add_option("--events-per-update", events_per_update, "matched events per pose")->capture_default_str();
+    app.add_option("--filter-window-us", filter_window_us, "noise filter: age of a supporting event")
+        ->capture_default_str();
+    app.add_option("--output", output, "poses of every marker as CSV");
+    app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");
+    app.add_option("--overlay", overlay, "picture of the tracked markers at the end of the recording");
+    app.add_flag("--quiet", quiet, "no progress bar");
+  }
+
+  evmarker::TrackerSettings<> settings() const {
+    return {
+        .filter_window = std::chrono::microseconds(filter_window_us),
+        .marker = {.events_per_update = events_per_update,
+                   .update = update == "paper" ? evmarker::DecoupledSettings::paper() : evmarker::DecoupledSettings{}}};
+  }
+
+  evmarker::opencv::ArucoDetectorSettings detector() const {
+    return {.dictionary = dictionary, .marker_length = marker_length, .ids = ids};
+  }
+};

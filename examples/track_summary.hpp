@@ -1,0 +1,109 @@
+#pragma once
+// What a tracking program tells at its end: counts, poses per marker, errors, time; and its picture.
+#include <cinttypes>
+#include <cstdio>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/io/recording_statistics.hpp>
+#include <evmarker/opencv/overlay.hpp>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+class TrackSummary {
+ public:
+  void add(std::span<const evmarker::Event> batch) {
+    if (events_ == 0) begin_ = batch.front().t;
+    events_ += batch.size();
+    end_ = std::max(end_, batch.back().t);
+  }
+
+  void add(const evmarker::PoseEstimate& pose, const std::optional<Eigen::Isometry3d>& truth) {
+    Marker& marker = markers_[pose.id];
+    if (marker.poses++ == 0) marker.first_t = pose.t;
+    marker.losses += pose.quality.state == evmarker::TrackingState::lost;
+    if (truth) marker.accuracy.add(pose, *truth);
+  }
+
+  void print(const evmarker::io::RecordingStatistics& recording, const evmarker::TrackerStatistics& tracker,
+             double wall_s) const {
+    const auto share = [&](std::uint64_t n) {
+      return 100.0 * static_cast<double>(n) / static_cast<double>(tracker.events);
+    };
+    const std::uint64_t kept = tracker.events - tracker.off_sensor - tracker.filtered;
+    if (tracker.events > 0)
+      std::printf("events     %" PRIu64 " read, %" PRIu64 " kept by the filter (%.0f %%), %" PRIu64
+                  " matched (%.0f %%)\n",
+                  tracker.events, kept, share(kept), tracker.matched, share(tracker.matched));
+    print_faults(recording);
+    for (const auto& [id, marker] : markers_) print(id, marker);
+    if (markers_.empty()) std::puts("no marker was found: it must move to be seen; is it in --dictionary and --ids?");
+    const double recorded_s = static_cast<double>(end_ - begin_) * 1e-6;
+    std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s);
+  }
+
+ private:
+  struct Marker {
+    std::uint64_t poses = 0, losses = 0;
+    evmarker::Timestamp first_t = 0;
+    evmarker::AccuracyMeter accuracy;
+  };
+
+  static void print_faults(const evmarker::io::RecordingStatistics& s) {
+    const auto tell = [](std::uint64_t count, const char* what) {
+      if (count > 0) std::printf("recording  %" PRIu64 " %s\n", count, what);
+    };
+    tell(s.time_steps_back, "steps back in time");
+    tell(s.off_sensor, "events off the sensor, dropped");
+    tell(s.dropped_before_time, "events before the first time stamp, dropped");
+    tell(s.unknown_words, "unknown words, skipped");
+    tell(s.truncated_bytes, "bytes at the end that are no whole event: the file was cut");
+  }
+
+  void print(evmarker::MarkerId id, const Marker& marker) const {
+    std::printf("marker %-3d %" PRIu64 " poses, the first at %.3f s, lost %" PRIu64 " times\n", id, marker.poses,
+                static_cast<double>(marker.first_t - begin_) * 1e-6, marker.losses);
+    if (marker.accuracy.tracking() == 0) return;
+    const auto mm = marker.accuracy.translation_mm(), deg = marker.accuracy.rotation_deg();
+    std::printf("           error %.2f mm %.2f deg mean, %.2f mm %.2f deg median, %.2f mm %.2f deg at 95 %%\n", mm.mean,
+                deg.mean, mm.median, deg.median, mm.p95, deg.p95);
+    std::printf("           tracked in %.1f %% of the 10 ms slots since the first pose\n",
+                100 * marker.accuracy.coverage(end_));
+  }
+
+  std::uint64_t events_ = 0;
+  evmarker::Timestamp begin_ = 0, end_ = 0;
+  std::map<evmarker::MarkerId, Marker> markers_;
+};
+
+/// The last look at tracked markers, ten times a second.
+class Snapshot {
+ public:
+  explicit Snapshot(std::string path) : path_(std::move(path)) {
+    if (!path_.empty() && !cv::haveImageWriter(path_))
+      throw std::runtime_error(path_ + ": no picture format has this ending; try .png");
+  }
+
+  template <typename Tracker>
+  void take(const evmarker::PinholeCamera& camera, const Tracker& tracker) {
+    const evmarker::PolarityFrame& frame = tracker.polarity_frame();
+    if (path_.empty() || (frame.t() < next_t_ && !picture_.empty())) return;
+    if (tracker.markers().empty() && !picture_.empty()) return;
+    next_t_ = frame.t() + 100000;
+    picture_ = evmarker::opencv::draw_frame(frame, 2);
+    for (const auto& marker : tracker.markers())
+      evmarker::opencv::draw_marker(picture_, camera, marker.model(), marker.estimate());
+  }
+
+  void write() const {
+    if (!path_.empty() && (picture_.empty() || !cv::imwrite(path_, picture_)))
+      throw std::runtime_error(path_ + ": the picture could not be written");
+  }
+
+ private:
+  std::string path_;
+  evmarker::Timestamp next_t_ = 0;
+  cv::Mat picture_;
+};
