@@ -1,0 +1,54 @@
+#include <benchmark/benchmark.h>
+
+#include <limits>
+
+#include "evmarker/marker_tracker.hpp"
+#include "recording.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+using Tracker = MarkerTracker<DecoupledUpdate>;
+
+// Filtered events in, poses out. Timed: the look-up of the line of sight, matching, averages, updates, the bookkeeping
+// of the quality. The pose error comes from a pass over the same events before.
+void run(benchmark::State& state, const Tracker::Settings& settings) {
+  const auto& recording = bench::recording();
+  const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);
+  AccuracyMeter accuracy;
+  Tracker measured = start;
+  for (const Event& event : recording.filtered)
+    if (const auto pose = measured.push(event)) accuracy.add(*pose, recording.truth(pose->t));
+
+  for (auto _ : state) {
+    state.PauseTiming();
+    Tracker tracker = start;
+    state.ResumeTiming();
+    for (const Event& event : recording.filtered) {
+      auto pose = tracker.push(event);
+      benchmark::DoNotOptimize(pose);
+    }
+  }
+  bench::report_rates(state, recording.filtered.size(), accuracy.poses());
+  bench::report_accuracy(state, accuracy, recording.end());
+}
+
+// Tracking alone: no verification, its window longer than the recording. Like for like with `reference/decoupled`.
+void tracking(benchmark::State& state) {
+  Tracker::Settings settings{.events_per_update = static_cast<int>(state.range(0))};
+  settings.verification = {.updates = std::numeric_limits<int>::max(),
+                           .max_events = 2 * bench::recording().filtered.size()};
+  run(state, settings);
+}
+
+// As a user gets it: verified every 100 updates, so that all events are gone through twice.
+void verified(benchmark::State& state) { run(state, {.events_per_update = static_cast<int>(state.range(0))}); }
+
+void events_per_update(benchmark::internal::Benchmark* b) {
+  b->ArgName("n")->Arg(1)->Arg(5)->Arg(20)->Arg(100)->Unit(benchmark::kMillisecond);
+}
+BENCHMARK(tracking)->Name("marker_tracker/decoupled")->Apply(events_per_update);
+BENCHMARK(verified)->Name("marker_tracker/decoupled/verified")->Apply(events_per_update);
+
+}  // namespace

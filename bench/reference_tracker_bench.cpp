@@ -1,0 +1,45 @@
+#include <benchmark/benchmark.h>
+
+#include "evmarker/marker_tracker.hpp"
+#include "recording.hpp"
+#include "reference_tracker.hpp"
+
+using namespace evmarker;
+
+// The same filtered events as `marker_tracker/decoupled`; the first updates do not count as tracking there either.
+static void reference(benchmark::State& state) {
+  const auto& recording = bench::recording();
+  const int n = static_cast<int>(state.range(0));
+  const bench::ReferenceTracker start(bench::camera(), recording.model(), recording.detected_start(), n);
+  AccuracyMeter accuracy;
+  bench::ReferenceTracker measured = start;
+  for (const Event& event : recording.filtered)
+    if (const auto T = measured.push(event)) {
+      PoseEstimate pose;
+      pose.t = event.t;
+      pose.T_camera_marker = *T;
+      const auto updates = static_cast<int>(accuracy.poses()) + 1;
+      const bool converging = updates <= MarkerTrackerSettings<DecoupledUpdate>{}.converging_updates;
+      pose.quality.state = converging ? TrackingState::converging : TrackingState::tracking;
+      accuracy.add(pose, recording.truth(event.t));
+    }
+
+  for (auto _ : state) {
+    state.PauseTiming();
+    bench::ReferenceTracker tracker = start;
+    state.ResumeTiming();
+    for (const Event& event : recording.filtered) {
+      auto pose = tracker.push(event);
+      benchmark::DoNotOptimize(pose);
+    }
+  }
+  bench::report_rates(state, recording.filtered.size(), accuracy.poses());
+  bench::report_accuracy(state, accuracy, recording.end());
+}
+BENCHMARK(reference)
+    ->Name("reference/decoupled")
+    ->ArgName("n")
+    ->Arg(1)
+    ->Arg(5)
+    ->Arg(100)
+    ->Unit(benchmark::kMillisecond);

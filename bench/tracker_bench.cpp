@@ -1,0 +1,87 @@
+#include <benchmark/benchmark.h>
+
+#include <vector>
+
+#include "evmarker/tracker.hpp"
+#include "recording.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+/// Hands over the true poses at its first look, nothing later: detection costs nothing, and what is lost stays lost.
+class TrueStart {
+ public:
+  explicit TrueStart(const bench::Recording& recording) : recording_(&recording) {}
+
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+    std::vector<MarkerDetection> detections;
+    if (std::exchange(looked_, true)) return detections;
+    for (std::size_t i = 0; i < recording_->markers.size(); ++i) {
+      MarkerDetection detection;
+      detection.id = recording_->markers[i].id;
+      detection.t = frame.t();
+      detection.T_camera_marker = recording_->truth(frame.t(), i);
+      for (std::size_t corner = 0; corner < 4; ++corner)
+        detection.corners_px[corner] = bench::camera().project(
+            detection.T_camera_marker * make_square_marker(recording_->markers[i].length).vertices[corner]);
+      detections.push_back(detection);
+    }
+    return detections;
+  }
+
+  MarkerModel model(MarkerId id) const {
+    for (std::size_t i = 0; i < recording_->markers.size(); ++i)
+      if (recording_->markers[i].id == id) return recording_->model(i);
+    throw std::invalid_argument("no marker " + std::to_string(id));
+  }
+
+ private:
+  const bench::Recording* recording_;
+  bool looked_ = false;
+};
+static_assert(MarkerDetector<TrueStart>);
+
+// The whole of `Tracker` on raw events: filter, polarity frame, history, every marker's tracking and verification;
+// looks at the frame every 10 ms that find nothing.
+void tracker(benchmark::State& state) {
+  const auto& recording = bench::recording(static_cast<int>(state.range(0)));
+  TrackerSettings<DecoupledUpdate> settings;
+  settings.detections_to_confirm = 1;
+  const Tracker<TrueStart> start(bench::camera(), TrueStart(recording), settings);
+
+  std::vector<AccuracyMeter> accuracy(recording.markers.size());
+  std::size_t poses = 0;
+  auto measured = start;
+  for (const Event& event : recording.events)
+    for (const PoseEstimate& pose : measured.push(event))
+      for (std::size_t i = 0; i < accuracy.size(); ++i)
+        if (recording.markers[i].id == pose.id) {
+          accuracy[i].add(pose, recording.truth(pose.t, i));
+          ++poses;
+        }
+
+  for (auto _ : state) {
+    state.PauseTiming();
+    auto tracker = start;
+    state.ResumeTiming();
+    for (const Event& event : recording.events) {
+      auto poses_of_event = tracker.push(event);
+      benchmark::DoNotOptimize(poses_of_event);
+    }
+  }
+  bench::report_rates(state, recording.events.size(), poses);
+  double translation_mm = 0, rotation_deg = 0, coverage = 0;
+  for (const AccuracyMeter& marker : accuracy) {
+    const double share = 1 / static_cast<double>(accuracy.size());
+    translation_mm += share * marker.translation_mm().mean;
+    rotation_deg += share * marker.rotation_deg().mean;
+    coverage += share * marker.coverage(recording.end());
+  }
+  state.counters["translation_mm"] = translation_mm;
+  state.counters["rotation_deg"] = rotation_deg;
+  state.counters["coverage"] = coverage;
+}
+BENCHMARK(tracker)->Name("tracker")->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Unit(benchmark::kMillisecond);
+
+}  // namespace
