@@ -19,6 +19,7 @@ struct Correspondence {
   double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
   bool dark_side_known = false;                 ///< whether `normal` points to the dark side
+  Eigen::Vector3d gradient{0, 0, 0};            ///< how far the edge's point E moves along `normal`, by E [px/m]
   Eigen::Vector3d M = Eigen::Vector3d::Zero();  ///< line of sight, Eq. (2)
   Eigen::Vector3d F = Eigen::Vector3d::Zero();  ///< point on the line of sight, Eq. (3)
   Eigen::Vector3d E = Eigen::Vector3d::Zero();  ///< point on the segment, Eq. (4)
@@ -107,7 +108,11 @@ class SegmentMatcher {
     correspondence.normal = segment.normal;
     correspondence.dark_side_known = segment.dark_side_known;
     correspondence.M = {m.x(), m.y(), 1};
-    return closest_points(segment, correspondence) ? MatchResult::matched : MatchResult::near;
+    if (!closest_points(segment, correspondence)) return MatchResult::near;
+    const Eigen::Vector3d& E = correspondence.E;
+    correspondence.gradient << segment.normal, -segment.normal.dot(E.head<2>()) / E.z();
+    correspondence.gradient *= focal_length_ / E.z();
+    return MatchResult::matched;
   }
 
   const MarkerModel& model() const noexcept { return model_; }

@@ -1,0 +1,178 @@
+#pragma once
+// Floor 4. Our rule: coupled point-to-line Kalman filter with velocity and edge offset.
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/pose_update.hpp"
+#include "evmarker/so3.hpp"
+
+namespace evmarker {
+
+/// Noise of the motion and of the events.
+struct KalmanSettings {
+  /// Spread of one event about its edge. The events that an edge makes at one pixel err together, so this is several
+  /// times the spread that one sees.
+  double sigma_px = 2;
+  double robust_px = 1;  ///< residuals beyond this count less and less (Cauchy weights)
+  /// White acceleration of the marker's edges, at rest [m^2/s^3]. In motion speed^3 / turning_distance_m is added: a
+  /// hand changes its velocity within a distance, not within a time, and events come by distance too.
+  double acceleration_noise = 5;
+  double turning_distance_m = 0.02;
+  double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
+  double offset_drift_px = 0.1;     ///< random walk of the edge offset in a second [px]
+  double initial_sigma_t_m = 0.01;  ///< of the pose that tracking starts from
+  double initial_sigma_r_rad = 0.1;
+  double initial_sigma_v_m_s = 0.5;
+  double initial_sigma_w_rad_s = 3;
+  double initial_sigma_offset_px = 0.3;
+};
+
+/// Error-state filter over [translation, rotation, velocity, angular velocity, edge offset], perturbations as in
+/// PoseEstimate. The edge offset is how far [px] on the dark side of an edge its events lie on average: pixels fire on
+/// steps of the logarithm of light, and those crowd where it is dark. Left out, it makes the marker seem smaller and
+/// farther away.
+class KalmanUpdate {
+ public:
+  using Settings = KalmanSettings;
+
+  KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
+    const auto require = [](double value, const char* name) {
+      if (!(std::isfinite(value) && value > 0))
+        throw std::invalid_argument(std::string("kalman update: ") + name + " is " + std::to_string(value));
+    };
+    require(settings.sigma_px, "sigma_px");
+    require(settings.robust_px, "robust_px");
+    require(settings.acceleration_noise, "acceleration_noise");
+    require(settings.turning_distance_m, "turning_distance_m");
+    require(settings.velocity_memory_s, "velocity_memory_s");
+    require(settings.offset_drift_px, "offset_drift_px");
+    require(settings.initial_sigma_t_m, "initial_sigma_t_m");
+    require(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
+    require(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
+    require(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
+    require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
+    require(events_per_update, "events_per_update");
+    Vector13 sigma;
+    sigma << Eigen::Vector3d::Constant(settings.initial_sigma_t_m),
+        Eigen::Vector3d::Constant(settings.initial_sigma_r_rad),
+        Eigen::Vector3d::Constant(settings.initial_sigma_v_m_s),
+        Eigen::Vector3d::Constant(settings.initial_sigma_w_rad_s), settings.initial_sigma_offset_px;
+    P_ = sigma.cwiseAbs2().asDiagonal();
+  }
+
+  /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
+  void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
+    const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
+    Vector7 J;
+    J.head<3>() = c.gradient;
+    J.segment<3>(3) = lever.cross(c.gradient);
+    J(6) = c.dark_side_known ? 1 : 0;
+    const double residual = c.distance_px - J(6) * offset_px_;
+    const double ratio = residual / settings_.robust_px;
+    const double weight = 1 / (1 + ratio * ratio);
+    H_.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
+    b_ += weight * residual * J;
+    lever2_ += 0.01 * (lever.squaredNorm() - lever2_);
+  }
+
+  bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    const double dt = started_ && t > t_ ? static_cast<double>(t - t_) * 1e-6 : 0;
+    started_ = true;
+    t_ = t;
+    const Vector6d moved = predict(dt);
+
+    // Information of the events about [pose, offset]; their residuals refer to the pose before the prediction.
+    const double per_event = 1 / (settings_.sigma_px * settings_.sigma_px);
+    const Matrix7 H = per_event * Matrix7(H_.selfadjointView<Eigen::Lower>());
+    Vector7 b = per_event * b_;
+    b -= H.leftCols<6>() * moved;
+    H_.setZero();
+    b_.setZero();
+
+    // P <- (P^-1 + C^T H C)^-1 without inverting P or H: both may be singular. C picks pose and offset.
+    Eigen::Matrix<double, kStates, 7> PC;
+    PC << P_.leftCols<6>(), P_.rightCols<1>();
+    Matrix7 CPC;
+    CPC << PC.topRows<6>(), PC.bottomRows<1>();
+    const Matrix7 L = CPC.llt().matrixL();
+    const Eigen::LLT<Matrix7> innovation(Matrix7::Identity() + L.transpose() * H * L);
+    // K maps information to state: P C^T (I + H C P C^T)^-1 = PC L^-T (I + L^T H L)^-1 L^T
+    const Eigen::Matrix<double, kStates, 7> G =
+        L.triangularView<Eigen::Lower>().solve(PC.transpose()).transpose();  // PC L^-T
+    const Vector13 delta = G * innovation.solve(L.transpose() * b);
+    const Matrix7 shrink = Matrix7::Identity() - Matrix7(innovation.solve(Matrix7::Identity()));
+    const Matrix13 P = P_ - G * shrink * G.transpose();
+    if (!delta.allFinite() || !P.allFinite()) return false;
+
+    P_ = 0.5 * (P + P.transpose());
+    T_camera_marker.translation() += moved.head<3>() + delta.head<3>();
+    T_camera_marker.linear() =
+        orthonormalized(so3_exp(moved.tail<3>() + delta.segment<3>(3)) * T_camera_marker.linear());
+    twist_ += delta.segment<6>(6);
+    offset_px_ += delta(12);
+    return true;
+  }
+
+  void reverse() noexcept {
+    H_.setZero();
+    b_.setZero();
+    twist_ = -twist_;
+    P_.block<6, 6>(0, 6) *= -1;
+    P_.block<6, 6>(6, 0) *= -1;
+    P_.block<1, 6>(12, 6) *= -1;
+    P_.block<6, 1>(6, 12) *= -1;
+  }
+
+  Matrix6d information() const noexcept { return P_.topLeftCorner<6, 6>().llt().solve(Matrix6d::Identity()); }
+  std::optional<Vector6d> twist() const noexcept { return twist_; }
+  /// How far on the dark side of an edge its events lie [px].
+  double edge_offset_px() const noexcept { return offset_px_; }
+
+ private:
+  static constexpr int kStates = 13;
+  using Vector7 = Eigen::Matrix<double, 7, 1>;
+  using Matrix7 = Eigen::Matrix<double, 7, 7>;
+  using Vector13 = Eigen::Matrix<double, kStates, 1>;
+  using Matrix13 = Eigen::Matrix<double, kStates, kStates>;
+
+  // Lets time pass: velocity carries the pose and fades. Returns the pose's motion.
+  Vector6d predict(double dt) noexcept {
+    const double kept = std::exp(-dt / settings_.velocity_memory_s);
+    const double carried = settings_.velocity_memory_s * (1 - kept);  // integral of the fading velocity
+    Matrix13 F = Matrix13::Identity();
+    F.block<6, 6>(0, 6).diagonal().setConstant(carried);
+    F.block<6, 6>(6, 6).diagonal().setConstant(kept);
+    P_ = F * P_ * F.transpose();
+    const double speed = twist_.head<3>().norm() + std::sqrt(lever2_) * twist_.tail<3>().norm();
+    const double q_linear = settings_.acceleration_noise + speed * speed * speed / settings_.turning_distance_m;
+    for (int axis = 0; axis < 6; ++axis) {
+      const double q = axis < 3 ? q_linear : q_linear / lever2_;
+      P_(axis, axis) += q * dt * dt * dt / 3;
+      P_(axis, axis + 6) += q * dt * dt / 2;
+      P_(axis + 6, axis) += q * dt * dt / 2;
+      P_(axis + 6, axis + 6) += q * dt;
+    }
+    P_(12, 12) += settings_.offset_drift_px * settings_.offset_drift_px * dt;
+    const Vector6d moved = carried * twist_;
+    twist_ *= kept;
+    return moved;
+  }
+
+  Settings settings_;
+  Matrix13 P_;
+  Vector6d twist_ = Vector6d::Zero();
+  double offset_px_ = 0;
+  Matrix7 H_ = Matrix7::Zero();  // lower triangle: sum of w J J^T
+  Vector7 b_ = Vector7::Zero();  // sum of w J d
+  double lever2_ = 1;            // running mean of |E - T|^2 [m^2]
+  Timestamp t_ = 0;
+  bool started_ = false;
+};
+
+static_assert(PoseUpdateRule<KalmanUpdate>);
+
+}  // namespace evmarker
