@@ -1,9 +1,9 @@
 # gnuplot -e "directory='DIRECTORY'" failure_cases.gnuplot: the CSV files of failure_cases as DIRECTORY/failure_cases.png
-set terminal pngcairo size 1900,1150 font "sans,12" noenhanced
+set terminal pngcairo size 1900,1100 font "sans,12" noenhanced
 set output directory.'/failure_cases.png'
 set datafile separator ','
-set multiplot layout 4,4 margins 0.055,0.985,0.06,0.92 spacing 0.03,0.035 columnsfirst \
-  title "Does backtracking tell that tracking is lost? Four simulated recordings, the paper's rule and thresholds" font ",15"
+set multiplot layout 4,4 margins 0.055,0.985,0.06,0.9 spacing 0.03,0.035 columnsfirst \
+  title "Does backtracking tell that tracking is lost? Four simulated recordings, the paper's rule and thresholds\nblue: converging, not judged yet; red: reported lost, what follows is the same tracker that nobody stopped" font ",15"
 
 # A point in red where the tracker has said `lost` (what follows is a tracker that nobody stopped).
 only(column, state) = strcol(2) eq state ? column : NaN
@@ -31,7 +31,7 @@ do for [i=1:4] {
   set format x ""
   unset xlabel
   set tics font ",10"
-  set lmargin; unset ylabel
+  unset ylabel
 
   # Eq. (13)
   set title "(".name.") ".title_of font ",13" offset 0,-0.6
@@ -56,7 +56,7 @@ do for [i=1:4] {
   plot poses every ::1 using 1:5 with lines linecolor rgb "#444444" linewidth 1.5 title "translation [mm]", \
        poses every ::1 using 1:6 with lines linecolor rgb "#ff7f0e" linewidth 1.5 title "rotation [deg]"
   unset logscale y
-  set yrange [0:1300]
+  set yrange [0:1400]
   set format x "%g"
   set xlabel "time [s]"
   if (i == 1) { set ylabel "true speed [px/s]" }
