@@ -40,7 +40,7 @@ class CsvReader {
 
   /// @throws RecordingError where the file is missing, empty, no text of events or of unknown sensor size
   /// @throws std::invalid_argument where the options name no usable columns
-  explicit CsvReader(std::filesystem::path path, CsvReaderOptions options = {})
+  explicit CsvReader(std::filesystem::path path, const CsvReaderOptions& options = {})
       : lines_(std::move(path)), shift_(options.shift_first_time_to_zero) {
     if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");
     text_ = recognize_text(lines_.lookahead(), options.layout);

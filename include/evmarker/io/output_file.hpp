@@ -31,7 +31,7 @@ class OutputFile {
 
   ~OutputFile() { discard(); }
   OutputFile(OutputFile&&) = default;
-  OutputFile& operator=(OutputFile&& other) {
+  OutputFile& operator=(OutputFile&& other) noexcept {
     discard();
     path_ = std::move(other.path_);
     written_ = std::move(other.written_);
