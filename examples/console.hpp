@@ -3,6 +3,8 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
@@ -34,6 +36,22 @@ class ProgressBar {
   int percent_ = -1;
 };
 
+/// Accepts an option's value only if it is a finite number above zero.
+inline CLI::Validator positive_number() {
+  return {[](std::string& text) {
+            double value = 0;
+            const bool good = CLI::detail::lexical_cast(text, value) && std::isfinite(value) && value > 0;
+            return good ? std::string() : text + " is not a positive number";
+          },
+          "POSITIVE"};
+}
+
+inline int fail(const CLI::App& app, std::string reason) {
+  std::replace(reason.begin(), reason.end(), '\n', ' ');  // OpenCV's reasons may have several lines
+  std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), reason.c_str());
+  return 1;
+}
+
 /// Runs a program's body; whatever goes wrong becomes one line on stderr and exit code 1.
 template <typename Body>
 int run(CLI::App& app, int argc, char** argv, Body&& body) {
@@ -42,10 +60,9 @@ int run(CLI::App& app, int argc, char** argv, Body&& body) {
     body();
     return 0;
   } catch (const CLI::ParseError& error) {
-    return app.exit(error);
+    return error.get_exit_code() == 0 ? app.exit(error) : fail(app, std::string(error.what()) + " (see --help)");
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), error.what());
-    return 1;
+    return fail(app, error.what());
   }
 }
 

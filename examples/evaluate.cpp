@@ -17,14 +17,19 @@ namespace {
 
 void evaluate(const std::string& poses_path, const std::string& truth_path, const std::string& errors_path) {
   const auto poses = io::read_pose_csv(poses_path);
+  if (poses.empty()) throw std::runtime_error(poses_path + ": no poses in it");
   const auto truth = io::GroundTruth::read(truth_path);
   std::map<MarkerId, AccuracyMeter> meters;
   std::string errors = "t_s,marker_id,state,translation_mm,rotation_deg,backtrack_px,backtrack_rad\n";
   Timestamp end = 0;
+  std::size_t without_truth = 0;
   for (const PoseEstimate& pose : poses) {
     end = std::max(end, pose.t);
     const auto true_pose = truth.at(pose.id, pose.t);
-    if (!true_pose) continue;
+    if (!true_pose) {
+      ++without_truth;
+      continue;
+    }
     meters[pose.id].add(pose, *true_pose);
     const PoseError error = pose_error(pose.T_camera_marker, *true_pose);
     char line[160];
@@ -48,6 +53,7 @@ void evaluate(const std::string& poses_path, const std::string& truth_path, cons
     std::printf("%6d  %14zu  %7.2f  %5.2f  %9.2f  %5.2f  %8.2f  %5.2f  %6.1f %%  %4zu\n", id, meter.tracking(), mm.mean,
                 deg.mean, mm.median, deg.median, mm.p95, deg.p95, 100 * meter.coverage(end), meter.lost());
   }
+  if (without_truth > 0) std::printf("%zu of %zu poses have no true one\n", without_truth, poses.size());
 }
 
 }  // namespace

@@ -1,10 +1,14 @@
 // Simulates an event camera in front of markers: a RAW recording, its calibration and its truth.
+#include <algorithm>
 #include <cstdio>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/io/raw_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <numbers>
+#include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -27,22 +31,36 @@ struct Options {
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
     app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")->capture_default_str();
     app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
-    app.add_option("--marker-length", marker_length, "side of the black square [m]")->capture_default_str();
+    app.add_option("--marker-length", marker_length, "side of the black square [m]")
+        ->check(console::positive_number())
+        ->capture_default_str();
     app.add_option("--size", size, "sensor, as 640,480 [px]")->delimiter(',')->expected(2)->capture_default_str();
-    app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")->capture_default_str();
-    app.add_option("--distance", distance_m, "of the markers from the camera [m]")->capture_default_str();
+    app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")
+        ->check(console::positive_number())
+        ->capture_default_str();
+    app.add_option("--distance", distance_m, "of the markers from the camera [m]")
+        ->check(console::positive_number())
+        ->capture_default_str();
     app.add_option("--motion", motion, "how the markers move")
         ->check(CLI::IsMember({"handheld", "spin", "linear", "stop-and-go"}))
         ->capture_default_str();
-    app.add_option("--sway", sway_m, "how far they move to each side [m]")->capture_default_str();
+    app.add_option("--sway", sway_m, "how far they move to each side [m]")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
     app.add_option("--frequency", frequency_hz, "of the motion [Hz]")->capture_default_str();
-    app.add_option("--duration", sensor.duration_s, "[s]")->capture_default_str();
+    app.add_option("--duration", sensor.duration_s, "[s]")->check(console::positive_number())->capture_default_str();
     app.add_option("--noise", sensor.noise_hz_per_px, "events without a cause [Hz per pixel]")->capture_default_str();
     app.add_option("--lag-us", sensor.pixel_time_constant_us, "time constant of the pixels in dim light [us]");
     app.add_option("--seed", sensor.seed, "of sensor and motion")->capture_default_str();
     app.add_flag("--quiet", quiet, "no progress bar");
   }
 };
+
+void require_in_front(const Options& o) {
+  if (o.motion != "linear" && o.motion != "spin" && o.sway_m >= o.distance_m)
+    throw std::invalid_argument("--sway: " + std::to_string(o.sway_m) + " m carries the markers behind the camera, " +
+                                std::to_string(o.distance_m) + " m away (--distance)");
+}
 
 Trajectory make_motion(const Options& o, std::size_t place) {
   const double spacing = 1.6 * o.marker_length;
@@ -61,17 +79,24 @@ Trajectory make_motion(const Options& o, std::size_t place) {
 }
 
 void simulate(const Options& o) {
+  require_in_front(o);
   const SensorSize size{o.size[0], o.size[1]};
   const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
   const opencv::ArucoDetector markers(camera, {.dictionary = o.dictionary, .marker_length = o.marker_length});
   std::vector<SimulatedMarker> scene;
-  for (std::size_t i = 0; i < o.ids.size(); ++i)
+  for (std::size_t i = 0; i < o.ids.size(); ++i) {
+    if (std::ranges::count(o.ids, o.ids[i]) > 1)
+      throw std::invalid_argument("--ids: " + std::to_string(o.ids[i]) + " is there twice");
     scene.push_back({.id = o.ids[i],
                      .length = o.marker_length,
                      .bits = markers.bits(o.ids[i]),
                      .T_camera_marker = make_motion(o, i)});
-  Simulator simulator(camera, scene, o.sensor);
+  }
   io::RawWriter recording(o.recording, size);
+  std::optional<io::PoseCsvWriter> truth;
+  if (!o.truth.empty()) truth.emplace(o.truth);
+  Simulator simulator(camera, scene, o.sensor);
+  opencv::save_calibration(o.camera, camera);
   {
     console::ProgressBar progress(o.quiet);
     const auto end = static_cast<std::uint64_t>(o.sensor.duration_s * 1e6);
@@ -80,17 +105,15 @@ void simulate(const Options& o) {
       progress.update(static_cast<std::uint64_t>(simulator.now()), end);
     }
   }
-  if (!o.truth.empty()) {
-    io::PoseCsvWriter truth(o.truth);
+  if (truth) {
     for (Timestamp t = 0; t <= static_cast<Timestamp>(o.sensor.duration_s * 1e6); t += 1000)
       for (std::size_t i = 0; i < scene.size(); ++i)
-        truth.write({.id = o.ids[i],
-                     .t = t,
-                     .T_camera_marker = simulator.T_camera_marker(i, t),
-                     .quality = {.state = TrackingState::tracking}});
-    truth.close();
+        truth->write({.id = o.ids[i],
+                      .t = t,
+                      .T_camera_marker = simulator.T_camera_marker(i, t),
+                      .quality = {.state = TrackingState::tracking}});
+    truth->close();
   }
-  opencv::save_calibration(o.camera, camera);
   recording.close();
   std::printf("%s: %llu events, up to %.0f px/s, markers of about %.0f px\n", o.recording.c_str(),
               static_cast<unsigned long long>(recording.events_written()), simulator.peak_speed_px_per_s(),

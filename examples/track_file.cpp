@@ -1,20 +1,15 @@
 // Tracks the markers of a recording: poses as CSV, a summary, a picture, the error against the truth.
-#include <algorithm>
 #include <chrono>
-#include <cstdio>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
 #include <evmarker/io/pose_reader.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
-#include <evmarker/opencv/overlay.hpp>
-#include <map>
-#include <opencv2/imgcodecs.hpp>
 #include <optional>
-#include <stdexcept>
 
 #include "console.hpp"
+#include "recording_checks.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
 
@@ -26,11 +21,7 @@ void track(const TrackOptions& options) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   opencv::ArucoDetector detector(camera, options.detector());
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
-  if (const auto [width, height] = recording.sensor_size(); camera.sensor_size() != recording.sensor_size())
-    throw std::runtime_error(options.recording + ": recorded with " + std::to_string(width) + " x " +
-                             std::to_string(height) + " px, but image_width and image_height of " + options.camera +
-                             " say " + std::to_string(camera.sensor_size().width) + " x " +
-                             std::to_string(camera.sensor_size().height) + " px");
+  recording_checks::require_size(recording, options.recording, camera.sensor_size(), options.camera);
   std::optional<io::GroundTruth> truth;
   if (!options.truth.empty()) truth = io::GroundTruth::read(options.truth);
   std::optional<io::PoseCsvWriter> output;
@@ -39,22 +30,27 @@ void track(const TrackOptions& options) {
   Tracker tracker(camera, detector, options.settings());
   TrackSummary summary;
   Snapshot snapshot(options.overlay);
-  console::ProgressBar progress(options.quiet);
   const auto start = std::chrono::steady_clock::now();
-  for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
-    for (const Event& event : batch)
-      for (const PoseEstimate& pose : tracker.push(event)) {
-        if (output) output->write(pose);
-        summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
-      }
-    summary.add(batch);
-    snapshot.take(camera, tracker);
-    progress.update(recording.bytes_read(), recording.bytes_total());
+  {
+    console::ProgressBar progress(options.quiet);
+    for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
+      for (const Event& event : batch)
+        for (const PoseEstimate& pose : tracker.push(event)) {
+          if (output) output->write(pose);
+          summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
+        }
+      summary.add(batch);
+      snapshot.take(camera, tracker);
+      recording_checks::require_sane(recording, options.recording, options.camera, false);
+      progress.update(recording.bytes_read(), recording.bytes_total());
+    }
   }
   const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
 
-  if (output) output->close();
+  recording_checks::require_sane(recording, options.recording, options.camera, true);
+  if (truth) summary.require_compared(options.truth);
   snapshot.write();
+  if (output) output->close();
   summary.print(recording.statistics(), tracker.statistics(), wall.count());
 }
 

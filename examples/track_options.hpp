@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "console.hpp"
+
 struct TrackOptions {
   std::string recording, camera, dictionary = "DICT_4X4_50", update = "decoupled", output, truth, overlay;
   double marker_length = 0;
@@ -21,13 +23,18 @@ struct TrackOptions {
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->capture_default_str();
-    app.add_option("--marker-length", marker_length, "side of the black square [m]")->required();
+    app.add_option("--marker-length", marker_length, "side of the black square [m]")
+        ->required()
+        ->check(console::positive_number());
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update, "update rule: decoupled (the paper's, tuned) or paper (with its own numbers)")
         ->check(CLI::IsMember({"decoupled", "paper"}))
         ->capture_default_str();
-    app.add_option("--events-per-update", events_per_update, "matched events per pose")->capture_default_str();
+    app.add_option("--events-per-update", events_per_update, "matched events per pose")
+        ->check(CLI::Range(1, 1000000))
+        ->capture_default_str();
     app.add_option("--filter-window-us", filter_window_us, "noise filter: age of a supporting event")
+        ->check(CLI::Range(1, 480000000))
         ->capture_default_str();
     app.add_option("--output", output, "poses of every marker as CSV");
     app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");

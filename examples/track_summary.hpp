@@ -1,23 +1,29 @@
 #pragma once
 // What a tracking program tells at its end: counts, poses per marker, errors, time; and its picture.
+#include <algorithm>
 #include <cinttypes>
 #include <cstdio>
 #include <evmarker/evmarker.hpp>
+#include <evmarker/io/output_file.hpp>
 #include <evmarker/io/recording_statistics.hpp>
 #include <evmarker/opencv/overlay.hpp>
+#include <filesystem>
+#include <limits>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 class TrackSummary {
  public:
   void add(std::span<const evmarker::Event> batch) {
-    if (events_ == 0) begin_ = batch.front().t;
-    events_ += batch.size();
-    end_ = std::max(end_, batch.back().t);
+    for (const evmarker::Event& event : batch) {
+      begin_ = std::min(begin_, event.t);
+      end_ = std::max(end_, event.t);
+    }
   }
 
   void add(const evmarker::PoseEstimate& pose, const std::optional<Eigen::Isometry3d>& truth) {
@@ -25,6 +31,17 @@ class TrackSummary {
     if (marker.poses++ == 0) marker.first_t = pose.t;
     marker.losses += pose.quality.state == evmarker::TrackingState::lost;
     if (truth) marker.accuracy.add(pose, *truth);
+    ++poses_;
+    compared_ += truth.has_value();
+  }
+
+  /// @throws std::runtime_error where there are poses, but the truth knows none of them
+  void require_compared(const std::string& truth_path) const {
+    if (poses_ == 0 || compared_ > 0) return;
+    std::string ids;
+    for (const auto& [id, marker] : markers_) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
+    throw std::runtime_error(truth_path + ": no true pose at the time of any of the " + std::to_string(poses_) +
+                             " poses of marker " + ids);
   }
 
   void print(const evmarker::io::RecordingStatistics& recording, const evmarker::TrackerStatistics& tracker,
@@ -73,37 +90,46 @@ class TrackSummary {
                 100 * marker.accuracy.coverage(end_));
   }
 
-  std::uint64_t events_ = 0;
-  evmarker::Timestamp begin_ = 0, end_ = 0;
+  std::uint64_t poses_ = 0, compared_ = 0;
+  evmarker::Timestamp begin_ = std::numeric_limits<evmarker::Timestamp>::max();
+  evmarker::Timestamp end_ = std::numeric_limits<evmarker::Timestamp>::min();
   std::map<evmarker::MarkerId, Marker> markers_;
 };
 
-/// The last look at tracked markers, ten times a second.
+/// The last look at tracked markers, ten times a second; the last look at all if there are none.
 class Snapshot {
  public:
-  explicit Snapshot(std::string path) : path_(std::move(path)) {
-    if (!path_.empty() && !cv::haveImageWriter(path_))
-      throw std::runtime_error(path_ + ": no picture format has this ending; try .png");
+  /// @throws std::runtime_error where the picture cannot be written; nothing is, if told no path
+  explicit Snapshot(const std::string& path) : ending_(std::filesystem::path(path).extension().string()) {
+    if (path.empty()) return;
+    if (ending_.empty() || !cv::haveImageWriter(path))
+      throw std::runtime_error(path + ": no picture has the ending '" + ending_ + "'; try .png");
+    file_.emplace(path);
   }
 
   template <typename Tracker>
   void take(const evmarker::PinholeCamera& camera, const Tracker& tracker) {
     const evmarker::PolarityFrame& frame = tracker.polarity_frame();
-    if (path_.empty() || (frame.t() < next_t_ && !picture_.empty())) return;
-    if (tracker.markers().empty() && !picture_.empty()) return;
+    if (!file_ || frame.t() < next_t_ || (tracker.markers().empty() && shows_marker_)) return;
     next_t_ = frame.t() + 100000;
+    shows_marker_ = !tracker.markers().empty();
     picture_ = evmarker::opencv::draw_frame(frame, 2);
     for (const auto& marker : tracker.markers())
       evmarker::opencv::draw_marker(picture_, camera, marker.model(), marker.estimate());
   }
 
-  void write() const {
-    if (!path_.empty() && (picture_.empty() || !cv::imwrite(path_, picture_)))
-      throw std::runtime_error(path_ + ": the picture could not be written");
+  void write() {
+    if (!file_) return;
+    std::vector<uchar> bytes;
+    cv::imencode(ending_, picture_, bytes);
+    file_->write(std::as_bytes(std::span(bytes)));
+    file_->close();
   }
 
  private:
-  std::string path_;
-  evmarker::Timestamp next_t_ = 0;
+  std::string ending_;
+  std::optional<evmarker::io::OutputFile> file_;
+  evmarker::Timestamp next_t_ = std::numeric_limits<evmarker::Timestamp>::min();
+  bool shows_marker_ = false;
   cv::Mat picture_;
 };

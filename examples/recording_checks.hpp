@@ -1,0 +1,45 @@
+#pragma once
+// When a recording is not what the calibration says, or no recording at all.
+#include <cstdint>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/io/event_reader.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace recording_checks {
+
+inline std::string show(evmarker::SensorSize size) {
+  return std::to_string(size.width) + " x " + std::to_string(size.height) + " px";
+}
+
+/// @throws std::runtime_error naming both files and both sizes
+inline void require_size(const evmarker::io::EventReader& recording, const std::string& path,
+                         evmarker::SensorSize camera_size, const std::string& camera_path) {
+  if (recording.sensor_size() == camera_size) return;
+  throw std::runtime_error(path + ": recorded with " + show(recording.sensor_size()) +
+                           ", but image_width and image_height of " + camera_path + " say " + show(camera_size));
+}
+
+/// A packet that was lost garbles a few words, which are counted and reported; beyond 1 % something is wrong.
+/// @param at_end judges also what is too short for that
+/// @throws std::runtime_error naming the file and the counts
+inline void require_sane(const evmarker::io::EventReader& recording, const std::string& path,
+                         const std::string& camera_path, bool at_end) {
+  const auto s = recording.statistics();
+  const std::uint64_t seen = s.events + s.off_sensor + s.dropped_before_time + s.unknown_words;
+  if (!at_end && seen < 100000) return;
+  const auto fail = [&](const std::string& reason) { throw std::runtime_error(path + ": " + reason); };
+  const auto too_many = [&](std::uint64_t count) { return count * 100 > seen; };
+  if (too_many(s.unknown_words))
+    fail("garbled: " + std::to_string(s.unknown_words) + " words of unknown type beside " + std::to_string(s.events) +
+         " events");
+  if (too_many(s.off_sensor))
+    fail(std::to_string(s.off_sensor) + " of " + std::to_string(s.events + s.off_sensor) +
+         " events are off the sensor of " + show(recording.sensor_size()) + " that " + camera_path + " tells");
+  if (s.events == 0)
+    fail("no events in it" + (s.dropped_before_time > 0
+                                  ? " but " + std::to_string(s.dropped_before_time) + " before the first time stamp"
+                                  : std::string()));
+}
+
+}  // namespace recording_checks
