@@ -46,7 +46,7 @@ class ArucoDetector {
   ArucoDetector(Camera camera, ArucoDetectorSettings settings)
       : camera_(std::move(camera)), settings_(std::move(settings)), dictionary_(make_dictionary(settings_.dictionary)) {
     evmarker::detail::require_marker_length(settings_.marker_length);
-    for (const MarkerId id : settings_.ids) marker_bits(dictionary_, id);
+    for (const MarkerId id : settings_.ids) bits(id);
     const auto require = [](bool good, const char* name, double value) {
       if (!good) throw std::invalid_argument(std::string("detector: ") + name + " is " + std::to_string(value));
     };
@@ -99,7 +99,7 @@ class ArucoDetector {
 
   /// The cells inside the border of a marker.
   /// @throws std::invalid_argument if the dictionary has no such id
-  CodeBits bits(MarkerId id) const { return marker_bits(dictionary_, id); }
+  CodeBits bits(MarkerId id) const { return marker_bits(dictionary_, id, settings_.dictionary); }
 
   /// The wireframe of a marker: its outline and the edges of its cells.
   /// @throws std::invalid_argument if the dictionary has no such id

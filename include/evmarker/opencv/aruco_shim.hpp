@@ -82,10 +82,11 @@ inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
 inline int dictionary_size(const cv::aruco::Dictionary& dictionary) { return dictionary.bytesList.rows; }
 
 /// The cells inside a marker's border, rows from top to bottom, 1 white.
+/// @param name of the dictionary, for the error
 /// @throws std::invalid_argument with the id and the size of the dictionary
-inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id) {
+inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id, std::string_view name = "the dictionary") {
   if (id < 0 || id >= dictionary_size(dictionary))
-    throw std::invalid_argument("marker id " + std::to_string(id) + " is not in the dictionary, which has " +
+    throw std::invalid_argument("marker id " + std::to_string(id) + " is not in " + std::string(name) + ", which has " +
                                 std::to_string(dictionary_size(dictionary)) + " markers (0 to " +
                                 std::to_string(dictionary_size(dictionary) - 1) + ")");
   const cv::Mat bits =

@@ -1,5 +1,6 @@
 #pragma once
 // opencv. Camera calibrations as OpenCV and ROS write them, in YAML, XML or JSON.
+#include <cerrno>
 #include <cmath>
 #include <fstream>
 #include <initializer_list>
@@ -7,6 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "evmarker/camera.hpp"
@@ -19,10 +21,12 @@ namespace detail {
 class CalibrationReader {
  public:
   explicit CalibrationReader(const std::string& path) : path_(path) {
+    // Read here and not by FileStorage, which prints a message of its own about a file that it cannot open.
+    errno = 0;
     std::ifstream file(path, std::ios::binary);
     std::ostringstream content;
-    // Read here and not by FileStorage, which prints a message of its own about a file that it cannot open.
-    if (!file || !(content << file.rdbuf())) fail("cannot be read, or is empty");
+    if (!file || !(content << file.rdbuf()))
+      fail(errno == 0 ? "is empty" : "cannot be read: " + std::generic_category().message(errno));
     std::string text = content.str();
     const auto first = text.find_first_not_of(" \t\r\n");
     if (first == std::string::npos) fail("is empty");
@@ -31,8 +35,8 @@ class CalibrationReader {
       text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
     try {
       storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    } catch (const cv::Exception& error) {
-      fail("is neither YAML, XML nor JSON that OpenCV can read (" + error.err + ")");
+    } catch (const cv::Exception&) {
+      fail("is neither YAML, XML nor JSON that OpenCV can read");
     }
     if (!storage_.isOpened() || !storage_.root().isMap()) fail("is neither YAML, XML nor JSON with named fields");
   }
@@ -180,9 +184,10 @@ inline void save_calibration(const std::string& path, const PinholeCamera& camer
   const cv::Mat matrix = (cv::Mat_<double>(3, 3) << camera.fx(), 0, camera.cx(), 0, camera.fy(), camera.cy(), 0, 0, 1);
   storage << "image_width" << camera.sensor_size().width << "image_height" << camera.sensor_size().height;
   storage << "camera_matrix" << matrix << "distortion_model" << model << "distortion_coefficients" << coefficients;
+  errno = 0;
   std::ofstream file(path, std::ios::binary);
   if (!(file << storage.releaseAndGetString() << std::flush))
-    throw std::runtime_error("calibration " + path + ": cannot be written");
+    throw std::runtime_error("calibration " + path + ": cannot be written: " + std::generic_category().message(errno));
 }
 
 }  // namespace evmarker::opencv
