@@ -1,0 +1,428 @@
+// What a user of the programs in examples/ meets: the way from a recording to its error, the README's code, bad input.
+// One CTest runs all cases, in one process: they share a simulated recording.
+#include <doctest/doctest.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <chrono>
+#include <cstddef>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <future>
+#include <map>
+#include <numbers>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <random>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "io_test_support.hpp"
+
+using namespace evmarker::io::test;
+
+namespace {
+
+const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICKSTART},
+                                                   {"simulate", EVMARKER_SIMULATE},
+                                                   {"track_file", EVMARKER_TRACK_FILE},
+                                                   {"evaluate", EVMARKER_EVALUATE}};
+const std::string kOptions = " --camera camera.yml --marker-length 0.10";
+const char* const kPoseHeader =
+    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
+
+struct Result {
+  int code = -1;
+  std::string out, err;
+};
+
+/// Runs `track_file recording.raw ...` and the like in a folder.
+Result run(const TemporaryFolder& folder, const std::string& command, const std::string& err_to = "stderr.txt") {
+  const auto space = std::min(command.find(' '), command.size());
+  const std::string line = "cd '" + (folder / "").string() + "' && '" + kPrograms.at(command.substr(0, space)) + "'" +
+                           command.substr(space) + " >stdout.txt 2>" + err_to;
+  const int status = std::system(line.c_str());
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(folder / "stdout.txt"),
+          read_file(folder / "stderr.txt")};
+}
+
+/// Recording, calibration and truth, simulated once.
+const TemporaryFolder& simulated() {
+  static const TemporaryFolder folder;
+  static const Result result =
+      run(folder, "simulate recording.raw --camera camera.yml --truth truth.csv --ids 7 --duration 0.6 --noise 0.3");
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  REQUIRE(result.err.empty());
+  return folder;
+}
+
+std::string simulated_file(const char* name) { return read_file(simulated() / name); }
+
+std::string replaced(std::string text, const std::string& what, const std::string& with) {
+  auto at = text.find(what);
+  REQUIRE_MESSAGE(at != std::string::npos, what);
+  for (; at != std::string::npos; at = text.find(what, at + with.size())) text.replace(at, what.size(), with);
+  return text;
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  std::istringstream in(text);
+  for (std::string part; std::getline(in, part, separator);) parts.push_back(part);
+  return parts;
+}
+
+struct Row {
+  double t_us = 0;
+  std::string id, state;
+  Eigen::Vector3d translation;
+  Eigen::Quaterniond rotation;
+};
+
+std::vector<Row> read_table(const std::string& text) {
+  std::vector<Row> rows;
+  const auto lines = split(text, '\n');
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    const auto f = split(lines[i], ',');
+    REQUIRE(f.size() == 14);
+    const auto number = [&](std::size_t column) { return std::stod(f[column]); };
+    rows.push_back({number(0), f[1], f[2], {number(3), number(4), number(5)}, {}});
+    rows.back().rotation = Eigen::Quaterniond(number(9), number(6), number(7), number(8));
+  }
+  return rows;
+}
+
+struct MeanError {
+  std::size_t poses = 0;
+  double mm = 0, deg = 0;
+};
+
+/// By hand, so that it owes nothing to the code that `evaluate` is made of.
+MeanError mean_tracking_error(const std::vector<Row>& poses, const std::vector<Row>& truth) {
+  MeanError error;
+  for (const Row& pose : poses) {
+    if (pose.state != "tracking") continue;
+    const auto after = std::ranges::lower_bound(truth, pose.t_us, {}, &Row::t_us);
+    if (after == truth.begin() || after == truth.end()) continue;
+    const auto before = after - 1;
+    const double part = (pose.t_us - before->t_us) / (after->t_us - before->t_us);
+    const Eigen::Vector3d translation = (1 - part) * before->translation + part * after->translation;
+    const Eigen::Quaterniond rotation = before->rotation.slerp(part, after->rotation);
+    ++error.poses;
+    error.mm += 1000 * (pose.translation - translation).norm();
+    error.deg += pose.rotation.angularDistance(rotation) * 180 / std::numbers::pi;
+  }
+  error.mm /= static_cast<double>(error.poses);
+  error.deg /= static_cast<double>(error.poses);
+  return error;
+}
+
+/// The whole recording with `bytes` in place of what follows its header.
+std::string with_body(const std::function<std::string(std::string)>& change) {
+  const std::string whole = simulated_file("recording.raw");
+  const auto body = whole.find("% end\n") + 6;
+  return whole.substr(0, body) + change(whole.substr(body));
+}
+
+std::string random_bytes(std::size_t count) {
+  std::mt19937 random(5);
+  std::string bytes(count, '\0');
+  for (char& byte : bytes) byte = static_cast<char>(random() & 0xFF);
+  return bytes;
+}
+
+/// Lines of a plausible text recording; those from `off` on lie at x = 640.
+std::string text_events(int count, int off) {
+  std::string text;
+  for (int i = 0; i < count; ++i)
+    text += std::to_string(i < off ? 100 + i % 300 : 640) + "," + std::to_string(i % 40) + ",1," +
+            std::to_string(10 * i) + "\n";
+  return text;
+}
+
+}  // namespace
+
+TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
+  const TemporaryFolder& folder = simulated();
+  const Result tracked = run(folder, "track_file recording.raw" + kOptions +
+                                         " --dictionary DICT_4X4_50 --output poses.csv --overlay overlay.png --truth "
+                                         "truth.csv");
+  REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
+  CHECK(tracked.err.empty());  // no bar where stderr is a file
+  for (const char* told : {"events ", " read, ", " kept by the filter", " matched", "marker 7 ",
+                           " poses, the first at ", "lost 0 times", " mm ", " of recording"})
+    CHECK_MESSAGE(contains(tracked.out, told), tracked.out);
+
+  const std::string table = read_file(folder / "poses.csv");
+  CHECK(table.substr(0, table.find('\n')) == kPoseHeader);
+  const auto poses = read_table(table), truth = read_table(simulated_file("truth.csv"));
+  REQUIRE(truth.size() == 601);
+  for (const Row& pose : poses) CHECK(pose.id == "7");
+  const MeanError error = mean_tracking_error(poses, truth);
+  REQUIRE(error.poses > 500);
+  CHECK(error.mm < 6);
+  CHECK(error.deg < 2.5);
+
+  const Result evaluated = run(folder, "evaluate poses.csv --truth truth.csv --errors errors.csv");
+  REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
+  CHECK(evaluated.err.empty());
+  const auto lines = split(evaluated.out, '\n');
+  REQUIRE(lines.size() == 2);
+  std::istringstream line(lines[1]);
+  std::size_t id = 0, count = 0;
+  double mm = 0, deg = 0;
+  line >> id >> count >> mm >> deg;
+  CHECK(id == 7);
+  CHECK(count == error.poses);
+  CHECK(mm == doctest::Approx(error.mm).epsilon(0.01));
+  CHECK(deg == doctest::Approx(error.deg).epsilon(0.01));
+  CHECK(split(read_file(folder / "errors.csv"), '\n').size() == poses.size() + 1);
+
+  const cv::Mat picture = cv::imread((folder / "overlay.png").string());
+  REQUIRE(picture.cols == 1280);
+  REQUIRE(picture.rows == 960);
+  const cv::Vec3b background = picture.at<cv::Vec3b>(0, 0);
+  CHECK(std::count_if(picture.begin<cv::Vec3b>(), picture.end<cv::Vec3b>(),
+                      [&](const cv::Vec3b& pixel) { return pixel != background; }) > 10000);
+  CHECK_FALSE(std::filesystem::exists(folder / "poses.csv.part"));
+  CHECK_FALSE(std::filesystem::exists(folder / "overlay.png.part"));
+}
+
+TEST_CASE("examples: quickstart's pose agrees with the truth that it prints") {
+  const TemporaryFolder folder;
+  const Result result = run(folder, "quickstart");
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  CHECK(contains(result.out, "marker 7 at t = "));
+  CHECK(contains(result.out, " is tracking at "));
+  const auto position_after = [&](const std::string& word) {
+    const auto at = result.out.find(word);
+    REQUIRE(at != std::string::npos);
+    std::istringstream in(result.out.substr(at + word.size()));
+    Eigen::Vector3d p;
+    REQUIRE(static_cast<bool>(in >> p.x() >> p.y() >> p.z()));
+    return p;
+  };
+  const Eigen::Vector3d pose = position_after(" is tracking at "), truth = position_after("truth: ");
+  CHECK(truth.z() > 0.3);
+  CHECK((pose - truth).norm() < 0.01);
+}
+
+TEST_CASE("examples: the README's first code is quickstart.cpp") {
+  const std::filesystem::path source = EVMARKER_SOURCE_DIR;
+  const std::string readme = read_file(source / "README.md");
+  const auto begin = readme.find("```cpp\n");
+  if (begin == std::string::npos) {
+    MESSAGE("skipped: README.md has no ```cpp block");
+    return;
+  }
+  const auto code = begin + 7, end = readme.find("```", code);
+  REQUIRE(end != std::string::npos);
+  CHECK(readme.substr(code, end - code) == read_file(source / "examples/quickstart.cpp"));
+}
+
+TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
+  const std::string calibration = simulated_file("camera.yml"), whole = simulated_file("recording.raw");
+  const std::string track = "track_file recording.raw" + kOptions, simulate = "simulate new.raw --duration 0.02";
+  const std::string with_camera = "track_file recording.raw --marker-length 0.10 --camera ";
+  const auto track_this = [](const std::string& name) { return "track_file " + name + kOptions; };
+  const auto body = [](std::string text) { return [text](const std::string&) { return text; }; };
+
+  struct Case {
+    std::string command;
+    std::vector<std::string> told;        // parts of the line
+    std::string file = "", content = "";  // made before
+  };
+  const std::vector<Case> cases{
+      {track_this("missing.raw"), {"missing.raw", "No such file"}},
+      {track_this("empty.raw"), {"empty.raw", "empty"}, "empty.raw", ""},
+      {track_this("empty.csv"), {"empty.csv", "empty"}, "empty.csv", ""},
+      {track_this("."), {".", "directory"}},
+      {track + " --dictionary DICT_9X9_50", {"DICT_9X9_50", "DICT_4X4_50"}},
+      {with_camera + "missing.yml", {"missing.yml", "No such file"}},
+      {with_camera + ".", {"calibration .", "directory"}},
+      {with_camera + "c.yml", {"c.yml", "empty"}, "c.yml", ""},
+      {with_camera + "c.yml", {"c.yml", "image_width"}, "c.yml", replaced(calibration, "image_width", "width")},
+      {with_camera + "c.yml", {"c.yml", "camera_matrix"}, "c.yml", replaced(calibration, "camera_matrix", "K")},
+      {with_camera + "c.yml",
+       {"c.yml", "distortion_coefficients"},
+       "c.yml",
+       replaced(calibration, "distortion_coefficients", "D")},
+      {with_camera + "c.yml",
+       {"c.yml", "camera_matrix[0]", "nan"},
+       "c.yml",
+       replaced(calibration, "[ 533.,", "[ .Nan,")},
+      {with_camera + "c.yml", {"c.yml", "image_width", "-640"}, "c.yml", replaced(calibration, "640", "-640")},
+      {with_camera + "c.yml", {"c.yml"}, "c.yml", random_bytes(500)},
+      {with_camera + "c.yml",
+       {"recording.raw", "640 x 480", "image_width", "c.yml", "320 x 480"},
+       "c.yml",
+       replaced(calibration, "640", "320")},
+      {"track_file recording.raw --camera camera.yml --marker-length 0", {"--marker-length", "0 "}},
+      {"track_file recording.raw --camera camera.yml --marker-length -0.1", {"--marker-length", "-0.1"}},
+      {"track_file recording.raw --camera camera.yml --marker-length nan", {"--marker-length", "nan"}},
+      {"track_file recording.raw --camera camera.yml --marker-length wide", {"--marker-length", "wide"}},
+      {track_this("cut.raw"), {"cut.raw", "header"}, "cut.raw", whole.substr(0, 40)},
+      {track_this("none.raw"), {"none.raw", "no events"}, "none.raw", with_body(body(""))},
+      {track_this("garbled.raw"), {"garbled.raw", "% format"}, "garbled.raw", random_bytes(20000)},
+      {track_this("garbled.raw"), {"garbled.raw", "garbled"}, "garbled.raw", with_body(body(random_bytes(200000)))},
+      {track_this("evt4.raw"), {"evt4.raw", "EVT4"}, "evt4.raw", replaced(whole.substr(0, 400), "EVT3", "EVT4")},
+      {track_this("off.csv"), {"off.csv", "100 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 0)},
+      {track_this("off.csv"), {"off.csv", "50 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 50)},
+      {track_this("bad.csv"), {"bad.csv", "line 101", "p is 'x'"}, "bad.csv", text_events(100, 100) + "1,2,x,3\n"},
+      {track + " --ids 50", {"marker id 50", "DICT_4X4_50", "0 to 49"}},
+      {track + " --ids=-1", {"-1", "0 to 49"}},
+      {track + " --ids seven", {"--ids", "seven"}},
+      {track + " --events-per-update 0", {"--events-per-update", "0 "}},
+      {track + " --events-per-update -5", {"--events-per-update", "-5"}},
+      {track + " --filter-window-us 0", {"--filter-window-us", "0 "}},
+      {track + " --filter-window-us -2000", {"--filter-window-us", "-2000"}},
+      {track + " --update magic", {"--update", "magic"}},
+      {track + " --truth missing.csv", {"missing.csv", "No such file"}},
+      {track + " --truth t.csv",
+       {"t.csv", "marker 7"},
+       "t.csv",
+       replaced(simulated_file("truth.csv"), ",7,tracking", ",9,tracking")},
+      {track + " --truth t.csv", {"t.csv", "line 2"}, "t.csv", std::string(kPoseHeader) + "\n1,7,tracking\n"},
+      {track + " --output missing/o.csv", {"missing/o.csv", "No such file"}},
+      {track + " --output .", {".", "directory"}},
+      {track + " --overlay missing/o.png", {"missing/o.png", "No such file"}},
+      {track + " --overlay o.xyz", {"o.xyz", ".png"}},
+      {track + " --overlay o", {"o: ", ".png"}},
+      {"track_file recording.raw --marker-length 0.10", {"--camera", "required"}},
+      {"evaluate missing.csv --truth truth.csv", {"missing.csv", "No such file"}},
+      {"evaluate p.csv --truth truth.csv", {"p.csv", "no poses"}, "p.csv", std::string(kPoseHeader) + "\n"},
+      {"evaluate p.csv --truth truth.csv", {"p.csv", "marker_id"}, "p.csv", "t_us,tx\n1,2\n"},
+      {"evaluate truth.csv --truth t.csv --errors e.csv",
+       {"truth.csv", "601", "t.csv"},
+       "t.csv",
+       replaced(simulated_file("truth.csv"), ",7,tracking", ",9,tracking")},
+      {"evaluate truth.csv --truth truth.csv --errors missing/e.csv", {"missing/e.csv", "No such file"}},
+      {simulate + " --ids 50", {"50", "0 to 49"}},
+      {simulate + " --ids 7,7", {"--ids", "7"}},
+      {simulate + " --marker-length 0", {"--marker-length", "0 "}},
+      {simulate + " --focal nan", {"--focal", "nan"}},
+      {simulate + " --distance 0", {"--distance", "0 "}},
+      {simulate + " --sway 2", {"--sway", "2.0", "--distance"}},
+      {simulate + " --noise -1", {"noise", "-1"}},
+      {simulate + " --size 100000,100000", {"width is 100000 px"}},
+      {simulate + " --truth missing/t.csv --camera new.yml", {"missing/t.csv", "No such file"}},
+      {simulate + " --truth new.csv --camera missing/c.yml", {"missing/c.yml", "No such file"}},
+      {"simulate missing/r.raw --camera new.yml --truth new.csv", {"missing/r.raw", "No such file"}},
+      {"simulate new.raw --duration 0", {"--duration", "0 "}},
+  };
+  for (const auto& [command, told, file, content] : cases) {
+    CAPTURE(command);
+    const TemporaryFolder folder;
+    for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
+      std::filesystem::create_symlink(simulated() / name, folder / name);
+    if (!file.empty()) write_file(folder / file.c_str(), content);
+    std::string line = command;
+    if (line.starts_with("track_file")) {
+      if (!contains(line, "--output")) line += " --output poses.csv";
+      if (!contains(line, "--overlay")) line += " --overlay overlay.png";
+    }
+    const Result result = run(folder, line);
+    CAPTURE(result.err);
+    CHECK(result.code > 0);
+    CHECK(std::ranges::count(result.err, '\n') == 1);
+    CHECK(result.err.ends_with('\n'));
+    for (const std::string& part : told) CHECK_MESSAGE(contains(result.err, part), part);
+    CHECK(result.out.empty());
+    CHECK(folder.files() == (file.empty() ? 5 : 6));  // the three, stdout and stderr, the bad one
+  }
+}
+
+TEST_CASE("examples: damaged recordings are tracked and what is wrong is reported") {
+  const auto tracked = [](const std::string& recording, const std::string& report) {
+    const TemporaryFolder folder;
+    write_file(folder / "damaged.raw", recording);
+    write_file(folder / "camera.yml", simulated_file("camera.yml"));
+    const Result result = run(folder, "track_file damaged.raw" + kOptions + " --output poses.csv");
+    CAPTURE(result.out);
+    CHECK_MESSAGE(result.code == 0, result.err);
+    CHECK(result.err.empty());
+    CHECK(contains(result.out, report));
+    return read_table(read_file(folder / "poses.csv"));
+  };
+  const auto truth = read_table(simulated_file("truth.csv"));
+
+  const auto cut = tracked(with_body([](const std::string& b) { return b.substr(0, b.size() * 3 / 4 | 1); }),
+                           "1 bytes at the end that are no whole event");
+  const MeanError error = mean_tracking_error(cut, truth);
+  CHECK(error.poses > 100);
+  CHECK(error.mm < 6);
+  CHECK(cut.back().t_us < 0.59e6);
+
+  // The second half stands before the whole.
+  const auto back = tracked(
+      with_body([](const std::string& b) { return b.substr(b.size() / 2 & ~std::size_t{1}) + b; }), "1 steps back");
+  const auto step = std::ranges::adjacent_find(back, [](const Row& a, const Row& b) { return b.t_us < a.t_us; });
+  REQUIRE(step != back.end());
+  CHECK(mean_tracking_error({step + 1, back.end()}, truth).poses > 500);
+
+  const auto garbled =
+      tracked(with_body([](std::string b) { return b.replace(b.size() * 3 / 4, 100, random_bytes(100)); }),
+              " unknown words, skipped");
+  CHECK(mean_tracking_error(garbled, truth).poses > 100);
+}
+
+TEST_CASE("examples: text without geometry takes the camera's size; few events off it are counted") {
+  const TemporaryFolder folder;
+  write_file(folder / "camera.yml", simulated_file("camera.yml"));
+  write_file(folder / "a.csv", text_events(1000, 1000));
+  const Result good = run(folder, "track_file a.csv" + kOptions + " --output poses.csv");
+  CHECK_MESSAGE(good.code == 0, good.err);
+  CHECK(contains(good.out, "1000 read"));
+  CHECK_FALSE(contains(good.out, "off the sensor"));
+  CHECK(read_file(folder / "poses.csv") == std::string(kPoseHeader) + "\n");
+
+  write_file(folder / "a.csv", text_events(1000, 998));
+  const Result few = run(folder, "track_file a.csv" + kOptions);
+  CHECK_MESSAGE(few.code == 0, few.err);
+  CHECK(contains(few.out, "998 read"));
+  CHECK(contains(few.out, "2 events off the sensor"));
+}
+
+TEST_CASE("examples: a progress bar on a terminal, none if told to be quiet") {
+  // A pseudo terminal takes stderr; what it is sent is read on the fly, for its buffer is small.
+  const auto on_terminal = [](const std::string& options) {
+    const int terminal = ::posix_openpt(O_RDWR | O_NOCTTY);
+    REQUIRE(terminal >= 0);
+    REQUIRE(::grantpt(terminal) == 0);
+    REQUIRE(::unlockpt(terminal) == 0);
+    const std::string name = ::ptsname(terminal);
+    const int held = ::open(name.c_str(), O_RDWR | O_NOCTTY);  // or reading ends with the program
+    auto result = std::async(std::launch::async, [&] {
+      return run(simulated(), "track_file recording.raw" + kOptions + options, name).code;
+    });
+    std::string shown;
+    const auto read_shown = [&](int wait_ms) {
+      pollfd ready{terminal, POLLIN, 0};
+      char buffer[256];
+      while (::poll(&ready, 1, wait_ms) > 0) {
+        const auto bytes = ::read(terminal, buffer, sizeof buffer);
+        if (bytes <= 0) return;
+        shown.append(buffer, static_cast<std::size_t>(bytes));
+      }
+    };
+    while (result.wait_for(std::chrono::seconds(0)) != std::future_status::ready) read_shown(20);
+    read_shown(0);
+    ::close(held);
+    ::close(terminal);
+    CHECK(result.get() == 0);
+    return shown;
+  };
+  const std::string bar = on_terminal("");
+  CHECK(contains(bar, "\r[####################                    ]  50 %"));
+  CHECK(contains(bar, "100 %"));
+  CHECK(bar.ends_with("\r\033[K"));  // wiped
+  CHECK(on_terminal(" --quiet").empty());
+}
