@@ -45,7 +45,7 @@ inline Scene one_marker() {
   return {{marker}, {}, {}};
 }
 
-/// Markers of 6 cm in a grid that fills the image, each in a hand of its own. All wear the code of marker 7, so that
+/// Markers of 7 cm in a grid that fills the image, each in a hand of its own. All wear the code of marker 7, so that
 /// the work for one marker is the same for all.
 inline Scene many_markers(int count) {
   constexpr int kColumns = 5, kRows = 4;
@@ -53,13 +53,13 @@ inline Scene many_markers(int count) {
   for (int i = 0; i < count; ++i) {
     const double column = i % kColumns - (kColumns - 1) / 2.0, row = i / kColumns - (kRows - 1) / 2.0;
     trajectory::Handheld sway{.T_center = facing_pose({0.135 * column, 0.13 * row, 0.6}),
-                              .amplitude_m = {0.025, 0.025, 0.03},
-                              .amplitude_rad = {0.3, 0.3, 0.4},
-                              .frequency_hz = 1.4};
+                              .amplitude_m = {0.02, 0.02, 0.03},
+                              .amplitude_rad = {0.25, 0.25, 0.25},
+                              .frequency_hz = 1.0};
     sway.seed = static_cast<std::uint64_t>(i) + 1;
     SimulatedMarker marker;
     marker.id = i;
-    marker.length = 0.06;
+    marker.length = 0.07;
     marker.bits = code_bits();
     marker.T_camera_marker = trajectory::handheld(sway);
     scene.markers.push_back(marker);
