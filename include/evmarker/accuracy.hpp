@@ -77,7 +77,7 @@ class AccuracyMeter {
     const Timestamp slots = (end - first_t_) / slot_us_;  // whole ones
     std::vector<Timestamp> covered = slots_;
     std::ranges::sort(covered);
-    covered.erase(std::ranges::unique(covered).begin(), covered.end());
+    covered.erase(std::unique(covered.begin(), covered.end()), covered.end());  // clang 14 refuses ranges::unique
     const auto within = std::ranges::lower_bound(covered, slots) - covered.begin();
     return static_cast<double>(within) / static_cast<double>(slots);
   }

@@ -83,6 +83,8 @@ class DecoupledUpdate {
     return true;
   }
 
+  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}  // it knows no velocity
+
   void reverse() noexcept {  // A and the lever arm are geometry, the same in both directions of time
     B_.setZero();
     Gamma_.setZero();

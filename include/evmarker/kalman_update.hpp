@@ -14,16 +14,18 @@ namespace evmarker {
 
 /// Noise of the motion and of the events.
 struct KalmanSettings {
-  /// Spread of one event about its edge. The events that an edge makes at one pixel err together, so this is several
-  /// times the spread that one sees.
-  double sigma_px = 2;
+  /// The events that an edge makes at one pixel err together: each counts as if their measured spread about the edge
+  /// was so many times larger.
+  double inflation = 1.8;
   double robust_px = 1;  ///< residuals beyond this count less and less (Cauchy weights)
   /// White acceleration of the marker's edges, at rest [m^2/s^3]. In motion speed^3 / turning_distance_m is added: a
   /// hand changes its velocity within a distance, not within a time, and events come by distance too.
-  double acceleration_noise = 5;
+  double acceleration_noise = 2;
   double turning_distance_m = 0.02;
   double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
   double offset_drift_px = 0.1;     ///< random walk of the edge offset in a second [px]
+  /// A sensor's unknown delay: shifts the pose along its motion, unseen by the filter. Enters the information only.
+  double latency_sigma_s = 5e-5;
   double initial_sigma_t_m = 0.01;  ///< of the pose that tracking starts from
   double initial_sigma_r_rad = 0.1;
   double initial_sigma_v_m_s = 0.5;
@@ -44,12 +46,13 @@ class KalmanUpdate {
       if (!(std::isfinite(value) && value > 0))
         throw std::invalid_argument(std::string("kalman update: ") + name + " is " + std::to_string(value));
     };
-    require(settings.sigma_px, "sigma_px");
+    require(settings.inflation, "inflation");
     require(settings.robust_px, "robust_px");
     require(settings.acceleration_noise, "acceleration_noise");
     require(settings.turning_distance_m, "turning_distance_m");
     require(settings.velocity_memory_s, "velocity_memory_s");
     require(settings.offset_drift_px, "offset_drift_px");
+    require(settings.latency_sigma_s, "latency_sigma_s");
     require(settings.initial_sigma_t_m, "initial_sigma_t_m");
     require(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
     require(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
@@ -76,17 +79,15 @@ class KalmanUpdate {
     const double weight = 1 / (1 + ratio * ratio);
     H_.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
     b_ += weight * residual * J;
+    spread2_px_ += 0.001 * (residual * residual - spread2_px_);
     lever2_ += 0.01 * (lever.squaredNorm() - lever2_);
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    const double dt = started_ && t > t_ ? static_cast<double>(t - t_) * 1e-6 : 0;
-    started_ = true;
-    t_ = t;
-    const Vector6d moved = predict(dt);
+    const Vector6d moved = predict(t);
 
     // Information of the events about [pose, offset]; their residuals refer to the pose before the prediction.
-    const double per_event = 1 / (settings_.sigma_px * settings_.sigma_px);
+    const double per_event = 1 / (settings_.inflation * settings_.inflation * spread2_px_);
     const Matrix7 H = per_event * Matrix7(H_.selfadjointView<Eigen::Lower>());
     Vector7 b = per_event * b_;
     b -= H.leftCols<6>() * moved;
@@ -109,13 +110,14 @@ class KalmanUpdate {
     if (!delta.allFinite() || !P.allFinite()) return false;
 
     P_ = 0.5 * (P + P.transpose());
-    T_camera_marker.translation() += moved.head<3>() + delta.head<3>();
-    T_camera_marker.linear() =
-        orthonormalized(so3_exp(moved.tail<3>() + delta.segment<3>(3)) * T_camera_marker.linear());
+    perturb(T_camera_marker, moved + delta.head<6>());
     twist_ += delta.segment<6>(6);
     offset_px_ += delta(12);
     return true;
   }
+
+  /// Moves the pose on to a later time with the present velocity; its information shrinks.
+  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept { perturb(T_camera_marker, predict(t)); }
 
   void reverse() noexcept {
     H_.setZero();
@@ -127,7 +129,11 @@ class KalmanUpdate {
     P_.block<6, 1>(6, 12) *= -1;
   }
 
-  Matrix6d information() const noexcept { return P_.topLeftCorner<6, 6>().llt().solve(Matrix6d::Identity()); }
+  Matrix6d information() const noexcept {
+    const Vector6d delay = settings_.latency_sigma_s * twist_;
+    const Matrix6d covariance = P_.topLeftCorner<6, 6>() + delay * delay.transpose();
+    return covariance.llt().solve(Matrix6d::Identity());
+  }
   std::optional<Vector6d> twist() const noexcept { return twist_; }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return offset_px_; }
@@ -139,8 +145,16 @@ class KalmanUpdate {
   using Vector13 = Eigen::Matrix<double, kStates, 1>;
   using Matrix13 = Eigen::Matrix<double, kStates, kStates>;
 
-  // Lets time pass: velocity carries the pose and fades. Returns the pose's motion.
-  Vector6d predict(double dt) noexcept {
+  static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
+    T.translation() += step.head<3>();
+    T.linear() = orthonormalized(so3_exp(step.tail<3>()) * T.linear());
+  }
+
+  // Lets time pass: velocity carries the pose and fades, its noise adds up. Returns the pose's motion.
+  Vector6d predict(Timestamp t) noexcept {
+    const double dt = started_ && t > t_ ? static_cast<double>(t - t_) * 1e-6 : 0;
+    started_ = true;
+    t_ = t;
     const double kept = std::exp(-dt / settings_.velocity_memory_s);
     const double carried = settings_.velocity_memory_s * (1 - kept);  // integral of the fading velocity
     Matrix13 F = Matrix13::Identity();
@@ -168,6 +182,7 @@ class KalmanUpdate {
   double offset_px_ = 0;
   Matrix7 H_ = Matrix7::Zero();  // lower triangle: sum of w J J^T
   Vector7 b_ = Vector7::Zero();  // sum of w J d
+  double spread2_px_ = 1;        // running mean of the squared residuals [px^2]
   double lever2_ = 1;            // running mean of |E - T|^2 [m^2]
   Timestamp t_ = 0;
   bool started_ = false;

@@ -67,7 +67,10 @@ class MarkerTracker {
     matched_fraction_ += ((match == MatchResult::near ? 0.0 : 1.0) - matched_fraction_) / offered_;
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
-    if (updated) ++updates_;
+    if (updated) {
+      ++updates_;
+      quality_.updated_t = t_;
+    }
     if (quality_.state == TrackingState::converging) {
       if (updates_ > settings_.converging_updates) start_judging();
     } else if (matched_fraction_ < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
@@ -79,13 +82,15 @@ class MarkerTracker {
   }
 
   /// The present estimate: of the last update, or the start.
-  PoseEstimate estimate() const noexcept {
-    PoseEstimate pose{
-        id_, t_, follower_.T_camera_marker(), follower_.rule().information(), follower_.rule().twist(), quality_};
-    pose.quality.matched = follower_.last_update().matched;
-    pose.quality.offered = follower_.last_update().offered;
-    pose.quality.residual_px = follower_.last_update().residual_px;
-    return pose;
+  PoseEstimate estimate() const noexcept { return describe(follower_.T_camera_marker(), follower_.rule(), t_); }
+
+  /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its information shrinks
+  /// with its age.
+  PoseEstimate pose_at(Timestamp t) const noexcept {
+    Eigen::Isometry3d T_camera_marker = follower_.T_camera_marker();
+    Rule rule = follower_.rule();
+    rule.extrapolate(T_camera_marker, t);
+    return describe(T_camera_marker, rule, t);
   }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
@@ -101,6 +106,15 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
+  PoseEstimate describe(const Eigen::Isometry3d& T_camera_marker, const Rule& rule, Timestamp t) const noexcept {
+    PoseEstimate pose{id_, t, T_camera_marker, rule.information(), rule.twist(), std::nullopt, quality_};
+    if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
+    pose.quality.matched = follower_.last_update().matched;
+    pose.quality.offered = follower_.last_update().offered;
+    pose.quality.residual_px = follower_.last_update().residual_px;
+    return pose;
+  }
+
   // The first updates refine the detection; what happened in them is not held against the tracker.
   void start_judging() noexcept {
     quality_.state = TrackingState::tracking;

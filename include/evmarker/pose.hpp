@@ -38,6 +38,7 @@ struct TrackingQuality {
   double backtrack_px = std::numeric_limits<double>::quiet_NaN();         ///< Eq. (13) at the last verification [px]
   double backtrack_rad = std::numeric_limits<double>::quiet_NaN();        ///< Eq. (14) at the last verification [rad]
   double backtrack_angle_rad = std::numeric_limits<double>::quiet_NaN();  ///< the same as one geodesic angle [rad]
+  Timestamp updated_t = 0;    ///< time of the last update [us]: `t - updated_t` is the pose's age
   Timestamp backtrack_t = 0;  ///< when the last verification ran [us]; errors are NaN before the first
 };
 
@@ -49,21 +50,24 @@ struct PoseEstimate {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
   Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
   std::optional<Vector6d> twist =
-      std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
+      std::nullopt;                      ///< rate of the perturbation above [m/s; rad/s], where the rule has one
+  std::optional<double> edge_offset_px;  ///< how far on the dark side of their edges events lie, where the rule knows
   TrackingQuality quality;
 };
 
 /// Covariance [m^2, m rad, rad^2] from information, or nothing while a direction of motion is unobserved.
-inline std::optional<Matrix6d> covariance(const PoseEstimate& pose) {
+inline std::optional<Matrix6d> covariance(const Matrix6d& information) {
   // Metres and radians differ by the distance to the marker: scale to comparable units before judging the rank.
-  const Vector6d scale = pose.information.diagonal().cwiseSqrt();
+  const Vector6d scale = information.diagonal().cwiseSqrt();
   if (!(scale.minCoeff() > 0)) return std::nullopt;
-  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * pose.information * scale.cwiseInverse().asDiagonal();
+  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * information * scale.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
   if (eigen.info() != Eigen::Success || !(eigen.eigenvalues()(0) > 1e-12)) return std::nullopt;
   const Matrix6d inverse =
       eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
   return scale.cwiseInverse().asDiagonal() * inverse * scale.cwiseInverse().asDiagonal();
 }
+
+inline std::optional<Matrix6d> covariance(const PoseEstimate& pose) { return covariance(pose.information); }
 
 }  // namespace evmarker

@@ -22,6 +22,9 @@ concept PoseUpdateRule = std::copyable<R> &&
   /// Moves the pose to the time of the last event. False, with the pose as it was, for a skipped (singular) step.
   { rule.update(T_camera_marker, t) }
   noexcept->std::same_as<bool>;
+  /// Moves the pose on to a later time without events, as far as the rule knows how it moves.
+  { rule.extrapolate(T_camera_marker, t) }
+  noexcept;
   /// Forgets what was collected and prepares to run backwards in time.
   { rule.reverse() }
   noexcept;

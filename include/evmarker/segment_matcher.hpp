@@ -28,7 +28,7 @@ struct Correspondence {
 struct SegmentMatcherSettings {
   double max_distance_px = 2;  ///< Eq. (1): farther events are discarded
   double end_margin_px = 0.5;  ///< how far beyond the ends of a segment the foot of an event may lie
-  double ambiguity_px = 0.5;   ///< the runner-up must be this much farther than the best, or the event is discarded
+  double ambiguity_px = 0.2;   ///< the runner-up must be this much farther than the best, or the event is discarded
 };
 
 /// What became of an event.

@@ -1,6 +1,7 @@
 #pragma once
 // Floor 5. Forward/backward verification: does the tracker come back to where it was? Eqs. (13) and (14).
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -26,6 +27,8 @@ struct BacktrackError {
   double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
   double angle_rad = 0;       ///< the geodesic angle between the two rotations
+  double expected_px = 0;  ///< sums of the standard deviations that the rule itself states; zero where it states none
+  double expected_rad = 0;
 };
 
 /// Eqs. (13), (14) between a forward and a backtracked pose of the same time. The paper compares poses of different
@@ -63,7 +66,8 @@ class Verification {
     updates_ += updated;
     const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events;
     if (!updated || (!complete && !window_.full())) return std::nullopt;
-    const BacktrackError error = backtrack_error(T_start_, backtrack(forward, lines), forward.matcher().focal_length());
+    BacktrackError error = backtrack_error(T_start_, backtrack(forward, lines), forward.matcher().focal_length());
+    expect(forward, error);
     start_window(forward);
     return error;
   }
@@ -75,8 +79,10 @@ class Verification {
     updates_ = 0;
   }
 
-  bool passes(const BacktrackError& error) const noexcept {  // false for NaN
-    return error.translation_px <= settings_.max_translation_px && error.rotation_rad <= settings_.max_rotation_rad;
+  /// Whether the error is within the thresholds, or within four times what one has to expect. False for NaN.
+  bool passes(const BacktrackError& error) const noexcept {
+    return error.translation_px <= std::max(settings_.max_translation_px, 4 * error.expected_px) &&
+           error.rotation_rad <= std::max(settings_.max_rotation_rad, 4 * error.expected_rad);
   }
 
  private:
@@ -88,6 +94,16 @@ class Verification {
     const Timestamp end = window_[window_.size() - 1].t;
     window_.for_each_reversed([&](const Event& event) { backward_.push(lines(event), end + (end - event.t)); });
     return backward_.T_camera_marker();
+  }
+
+  // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so.
+  static void expect(const EdgeFollower<Rule>& forward, BacktrackError& error) noexcept {
+    const auto P = covariance(forward.rule().information());
+    if (!P) return;
+    const Vector6d sigma = P->diagonal().cwiseSqrt();
+    const double depth = forward.T_camera_marker().translation().z();
+    error.expected_px = sigma.head<2>().sum() * forward.matcher().focal_length() / depth;
+    error.expected_rad = sigma.tail<3>().sum();
   }
 
   VerificationSettings settings_;
