@@ -8,6 +8,7 @@ packages=(
   libopencv-dev libopencv-contrib-dev   # evmarker::opencv
   libcli11-dev                          # examples
   doctest-dev libbenchmark-dev          # tests, benchmarks
+  libapriltag-dev                       # one of the methods that evmarker_accuracy compares
   gnuplot-nox                           # plots
 )
 
