@@ -17,7 +17,8 @@ using namespace evmarker;
 
 namespace {
 
-void track(const TrackOptions& options) {
+template <PoseUpdateRule Rule>
+void track(const TrackOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   opencv::ArucoDetector detector(camera, options.detector());
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
@@ -25,9 +26,9 @@ void track(const TrackOptions& options) {
   std::optional<io::GroundTruth> truth;
   if (!options.truth.empty()) truth = io::GroundTruth::read(options.truth);
   std::optional<io::PoseCsvWriter> output;
-  if (!options.output.empty()) output.emplace(options.output);
+  if (!options.output.empty()) output.emplace(options.output, columns);
 
-  Tracker tracker(camera, detector, options.settings());
+  Tracker tracker(camera, detector, options.settings<Rule>(rule));
   TrackSummary summary;
   Snapshot snapshot(options.overlay);
   const auto start = std::chrono::steady_clock::now();
@@ -52,6 +53,12 @@ void track(const TrackOptions& options) {
   snapshot.write();
   if (output) output->close();
   summary.print(recording.statistics(), tracker.statistics(), wall.count());
+}
+
+void track(const TrackOptions& options) {
+  if (options.update == "kalman") return track<KalmanUpdate>(options, {}, io::PoseColumns::pose_and_motion);
+  const auto rule = options.update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
+  track<DecoupledUpdate>(options, rule, io::PoseColumns::pose);
 }
 
 }  // namespace

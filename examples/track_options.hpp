@@ -10,7 +10,7 @@
 #include "console.hpp"
 
 struct TrackOptions {
-  std::string recording, camera, dictionary = "DICT_4X4_50", update = "decoupled", output, truth, overlay;
+  std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output, truth, overlay;
   double marker_length = 0;
   std::vector<int> ids;
   int events_per_update = 100;
@@ -27,8 +27,9 @@ struct TrackOptions {
         ->required()
         ->check(console::positive_number());
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
-    app.add_option("--update", update, "update rule: decoupled (the paper's, tuned) or paper (with its own numbers)")
-        ->check(CLI::IsMember({"decoupled", "paper"}))
+    app.add_option("--update", update,
+                   "update rule: kalman, decoupled (the paper's, tuned) or paper (with its own numbers)")
+        ->check(CLI::IsMember({"kalman", "decoupled", "paper"}))
         ->capture_default_str();
     app.add_option("--events-per-update", events_per_update, "matched events per pose")
         ->check(CLI::Range(1, 1000000))
@@ -42,11 +43,10 @@ struct TrackOptions {
     app.add_flag("--quiet", quiet, "no progress bar");
   }
 
-  evmarker::TrackerSettings<> settings() const {
-    return {
-        .filter_window = std::chrono::microseconds(filter_window_us),
-        .marker = {.events_per_update = events_per_update,
-                   .update = update == "paper" ? evmarker::DecoupledSettings::paper() : evmarker::DecoupledSettings{}}};
+  template <evmarker::PoseUpdateRule Rule>
+  evmarker::TrackerSettings<Rule> settings(const typename Rule::Settings& rule) const {
+    return {.filter_window = std::chrono::microseconds(filter_window_us),
+            .marker = {.events_per_update = events_per_update, .update = rule}};
   }
 
   evmarker::opencv::ArucoDetectorSettings detector() const {

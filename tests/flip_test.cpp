@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/decoupled_update.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
@@ -73,10 +74,11 @@ TEST_CASE("the real flip is followed through its whole roll") {
   // small a square. And 100 events are too much motion between poses on a 128 x 128 sensor.
   for (const int n : {1, 5, 10}) {
     CAPTURE(n);
-    MarkerTracker tracker(camera, make_square_marker(kSide), T_start,
-                          {.events_per_update = n,
-                           .verification = {.max_rotation_rad = 0.5},
-                           .min_matched_fraction = 0});  // the outline has an inner edge too, near but not in the model
+    MarkerTracker<DecoupledUpdate> tracker(
+        camera, make_square_marker(kSide), T_start,
+        {.events_per_update = n,
+         .verification = {.max_rotation_rad = 0.5},
+         .min_matched_fraction = 0});  // the outline has an inner edge too, near but not in the model
     SpatiotemporalFilter filter(camera.sensor_size(), std::chrono::milliseconds(5));
     int poses = 0;
     double worst_px = 0, worst_deg = 0, turned = 0, angle_before = start.angle_rad, t_before = kStart_us;

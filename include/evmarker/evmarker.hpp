@@ -8,6 +8,7 @@
 #include "evmarker/event.hpp"
 #include "evmarker/event_history.hpp"
 #include "evmarker/event_stream.hpp"
+#include "evmarker/kalman_update.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/polarity_frame.hpp"

@@ -7,15 +7,15 @@
 #include <string>
 #include <utility>
 
-#include "evmarker/decoupled_update.hpp"
 #include "evmarker/edge_follower.hpp"
+#include "evmarker/kalman_update.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
 
 namespace evmarker {
 
-template <PoseUpdateRule Rule>
+template <PoseUpdateRule Rule = KalmanUpdate>
 struct MarkerTrackerSettings {
   int events_per_update = 100;          ///< the paper's n, matched events
   SegmentMatcherSettings matching{};    ///< the paper's segment matching
@@ -27,7 +27,7 @@ struct MarkerTrackerSettings {
 };
 
 /// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
-template <PoseUpdateRule Rule = DecoupledUpdate>
+template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
  public:
   using Settings = MarkerTrackerSettings<Rule>;

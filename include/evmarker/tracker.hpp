@@ -20,7 +20,7 @@
 
 namespace evmarker {
 
-template <PoseUpdateRule Rule = DecoupledUpdate>
+template <PoseUpdateRule Rule = KalmanUpdate>
 struct TrackerSettings {
   std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
   std::chrono::microseconds detection_interval{10000};  ///< event time from one look at the polarity frame to the next
@@ -49,7 +49,7 @@ struct TrackerStatistics {
 
 /// Tracks every marker that the detector finds. One thread, deterministic: the same events give the same poses, bit for
 /// bit, however they are batched. Between detections nothing throws or allocates.
-template <MarkerDetector Detector, PoseUpdateRule Rule = DecoupledUpdate, EventFilter Filter = SpatiotemporalFilter>
+template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Tracker {
  public:
   using Settings = TrackerSettings<Rule>;

@@ -1,8 +1,11 @@
 #pragma once
 // io. Writes poses: a table of all markers (CSV), or the trajectory of one (TUM).
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
+#include <numbers>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -49,13 +52,19 @@ class TextFile {
 
 }  // namespace detail
 
-/// Writes kPoseCsvHeader and a row for each pose; numbers read back exactly, NaN is `nan`. The file appears under its
-/// name in `close()`; a writer that is destroyed before leaves nothing.
+/// Which columns a pose table has: those of every rule, or kPoseCsvMotionHeader's too.
+enum class PoseColumns { pose, pose_and_motion };
+
+/// Writes a header and a row for each pose; numbers read back exactly, NaN is `nan`. The file appears under its name in
+/// `close()`; a writer that is destroyed before leaves nothing.
 class PoseCsvWriter {
  public:
   /// @throws RecordingError where the file cannot be created
-  explicit PoseCsvWriter(std::filesystem::path path) : file_(std::move(path)) {
-    file_.text() = std::string(kPoseCsvHeader) + "\n";
+  explicit PoseCsvWriter(std::filesystem::path path, PoseColumns columns = PoseColumns::pose)
+      : file_(std::move(path)), columns_(columns) {
+    file_.text() = kPoseCsvHeader;
+    if (columns == PoseColumns::pose_and_motion) file_.text() += kPoseCsvMotionHeader;
+    file_.text() += '\n';
   }
 
   /// @throws RecordingError where the disk is full
@@ -68,6 +77,7 @@ class PoseCsvWriter {
       text += ',';
       append_number(text, value);
     }
+    if (columns_ == PoseColumns::pose_and_motion) append_motion(text, pose);
     file_.end_line();
   }
 
@@ -76,7 +86,22 @@ class PoseCsvWriter {
   std::uint64_t poses_written() const noexcept { return file_.lines(); }
 
  private:
+  static void append_motion(std::string& text, const PoseEstimate& pose) {
+    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+    const Vector6d twist = pose.twist.value_or(Vector6d::Constant(kUnknown));
+    const Matrix6d P = covariance(pose).value_or(Matrix6d::Constant(kUnknown));
+    const auto append = [&](double value) {
+      text += ',';
+      append_number(text, value);
+    };
+    for (const double rate : twist) append(rate);
+    append(pose.edge_offset_px.value_or(kUnknown));
+    append(1e3 * std::sqrt(P.topLeftCorner<3, 3>().trace()));
+    append(180 / std::numbers::pi * std::sqrt(P.bottomRightCorner<3, 3>().trace()));
+  }
+
   detail::TextFile file_;
+  PoseColumns columns_;
 };
 
 /// Writes the trajectory of one marker, a line `t tx ty tz qx qy qz qw` for each pose, t in seconds exact to the
