@@ -17,18 +17,20 @@ namespace evmarker {
 inline constexpr double kEdgeReach = 4;
 
 inline double edge_profile(double x) {
-  static constexpr int kSteps = 4096;
+  static constexpr int kSteps = 2048;
   static const auto table = [] {
-    std::array<double, kSteps + 2> values{};
+    std::array<float, kSteps + 2> values{};
     for (int i = 0; i <= kSteps + 1; ++i)
-      values[static_cast<std::size_t>(i)] = 0.5 * std::erfc((1 - 2.0 * i / kSteps) * kEdgeReach / std::numbers::sqrt2);
+      values[static_cast<std::size_t>(i)] =
+          static_cast<float>(0.5 * std::erfc((1 - 2.0 * i / kSteps) * kEdgeReach / std::numbers::sqrt2));
     return values;
   }();
   if (!(x > -kEdgeReach)) return 0;
   if (x >= kEdgeReach) return 1;
   const double position = (x + kEdgeReach) * (kSteps / (2 * kEdgeReach));
-  const auto index = static_cast<std::size_t>(position);
-  return table[index] + (position - static_cast<double>(index)) * (table[index + 1] - table[index]);
+  const int index = static_cast<int>(position);
+  const float* const value = &table[static_cast<std::size_t>(index)];
+  return static_cast<double>(value[0]) + (position - index) * static_cast<double>(value[1] - value[0]);
 }
 
 /// The sheet on which a marker is printed, in lattice coordinates: (0, 0) is the top left corner of the black border,
@@ -68,6 +70,8 @@ class PrintedMarker {
 
   /// Cells along one side, border included.
   int cells() const noexcept { return cells_; }
+  /// Share of the light that the paper sends back.
+  double white() const noexcept { return white_; }
   /// Lattice coordinates of the sheet's first and last edge.
   double first_edge() const noexcept { return edges_.front(); }
   double last_edge() const noexcept { return edges_.back(); }
@@ -128,10 +132,11 @@ class PrintedMarker {
       };
       first = column_at(x - reach);
       last = column_at(x + reach);
-      const double begin = edge_profile((x - edges[static_cast<std::size_t>(first)]) / sigma);
+      const double sharpness = 1 / sigma;
+      const double begin = edge_profile((x - edges[static_cast<std::size_t>(first)]) * sharpness);
       double left = begin;
       for (int column = first; column <= last; ++column) {
-        const double right = edge_profile((x - edges[static_cast<std::size_t>(column) + 1]) / sigma);
+        const double right = edge_profile((x - edges[static_cast<std::size_t>(column) + 1]) * sharpness);
         weight[static_cast<std::size_t>(column)] = left - right;
         left = right;
       }

@@ -11,7 +11,6 @@
 
 #include "evmarker/marker_model.hpp"
 #include "evmarker/pose.hpp"
-#include "evmarker/random.hpp"
 #include "evmarker/trajectory.hpp"
 
 namespace evmarker {
@@ -43,22 +42,6 @@ struct Background {
   double texture_size_px = 20;                 ///< distance between independent patches
   Eigen::Vector2d velocity_px_per_s = {0, 0};  ///< in the image
   std::uint64_t seed = 1;                      ///< of the patches
-
-  /// Light from an image point at a time.
-  double intensity(const Eigen::Vector2d& pixel, double seconds) const {
-    if (contrast == 0) return mean;
-    const Eigen::Vector2d at = (pixel - velocity_px_per_s * seconds) / texture_size_px;
-    const Eigen::Vector2d cell = at.array().floor(), f = at - cell;
-    const auto patch = [&](int dx, int dy) {
-      const auto key = [](double v) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(v)); };
-      return 2 * Random(seed, key(cell.x() + dx), key(cell.y() + dy)).uniform() - 1;
-    };
-    const auto ease = [](double v) { return v * v * v * (10 + v * (6 * v - 15)); };
-    const double sx = ease(f.x()), sy = ease(f.y());
-    const double above = patch(0, 0) + sx * (patch(1, 0) - patch(0, 0));
-    const double below = patch(0, 1) + sx * (patch(1, 1) - patch(0, 1));
-    return mean * std::exp(contrast * (above + sy * (below - above)));
-  }
 
   bool moves() const noexcept { return contrast != 0 && velocity_px_per_s != Eigen::Vector2d::Zero(); }
 };

@@ -1,38 +1,25 @@
 #pragma once
-// Floor 4. An event camera that looks at markers on known trajectories: events with their truth.
+// Floor 5. An event camera that looks at markers on known trajectories: events with their truth.
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include "evmarker/event.hpp"
 #include "evmarker/event_pixel.hpp"
+#include "evmarker/event_queue.hpp"
+#include "evmarker/pixel_noise.hpp"
 #include "evmarker/random.hpp"
 #include "evmarker/scene_renderer.hpp"
+#include "evmarker/simulator_settings.hpp"
+#include "evmarker/tile_grid.hpp"
 
 namespace evmarker {
-
-/// The simulated sensor and how finely time is cut.
-struct SimulatorSettings {
-  double duration_s = 1;
-  std::uint64_t seed = 1;               ///< of the pixels' thresholds, the noise and the latencies
-  double contrast_threshold_on = 0.25;  ///< step of log intensity that makes an ON event
-  double contrast_threshold_off = 0.25;
-  double threshold_mismatch = 0.03;   ///< standard deviation of the thresholds from pixel to pixel
-  double refractory_us = 50;          ///< a pixel is dead for so long after its event
-  double pixel_time_constant_us = 0;  ///< of the pixel's first-order low-pass of log intensity; 0 is infinitely fast
-  double point_spread_px = 0.6;       ///< sigma of the blur, lens and pixel area together
-  double noise_hz_per_px = 1;         ///< events without a cause, of random polarity
-  double latency_jitter_us = 0;  ///< mean of the (exponentially distributed) time an event waits to leave its pixel
-  double max_step_px = 0.25;     ///< nothing moves farther within a time step
-  double max_step_us = 1000;     ///< nor is a step longer
-};
 
 /// Simulates an event camera in front of a scene; an `EventSource` from time 0 to the set duration. The same scene,
 /// settings and seed give the same events.
@@ -45,16 +32,16 @@ class Simulator {
       : settings_(validated(settings)),
         renderer_(camera, std::move(scene), settings.point_spread_px),
         end_us_(settings.duration_s * 1e6),
-        step_us_(settings.max_step_us),
-        frame_(renderer_.at(0)),
-        noise_(settings.seed, kNoiseStream) {
-    const auto [width, height] = camera.sensor_size();
-    wake_.assign(static_cast<std::size_t>(width * height), kNow);
-    run_wake_.assign((wake_.size() + kRun - 1) / kRun, kNow);
-    pixels_.reserve(wake_.size());
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) pixels_.push_back(make_pixel(x, y));
-    next_noise_us_ = noise_interval_us();
+        segment_us_(settings.max_step_us),
+        noise_(grid(), settings.noise_hz_per_px, Random(settings.seed, kNoiseStream)) {
+    const auto start = renderer_.at(0);
+    pixels_.reserve(grid().indices());
+    for (std::size_t i = 0; i < grid().indices(); ++i) {
+      pixels_.push_back(make_pixel(i, start));
+      wake_.push_back(grid().on_sensor(i) ? kNow : kNever);
+    }
+    drifts_since_us_.assign(grid().indices(), kDriftsNot);
+    tiles_.resize(grid().tiles());
   }
 
   Simulator(const PinholeCamera& camera, std::vector<SimulatedMarker> markers, const SimulatorSettings& settings = {})
@@ -65,8 +52,7 @@ class Simulator {
   /// The next events, in order of time; empty at the end.
   std::span<const Event> next_batch() {
     batch_.clear();
-    while (batch_.empty() && now_us_ < end_us_)
-      for (int step = 0; step < kStepsPerBatch && now_us_ < end_us_; ++step) advance();
+    while (batch_.empty() && now_us_ < end_us_) advance();
     return batch_;
   }
 
@@ -89,171 +75,225 @@ class Simulator {
   std::vector<float> render(Timestamp t) const { return renderer_.render(static_cast<double>(t) * 1e-6); }
 
  private:
-  static constexpr std::size_t kRun = 64;
-  static constexpr int kStepsPerBatch = 16;
-  static constexpr double kShortestStepUs = 1;
-  static constexpr float kNow = -1, kNoisy = -2;  // wake distances that are always reached
+  static constexpr std::size_t kSegmentsPerBatch = 16;
+  static constexpr int kTicksPerStep = 8;      // so finely a step's length can be chosen
+  static constexpr int kStepsPerSegment = 64;  // at most, of the fastest thing
+  static constexpr double kShortestSegmentUs = 10;
+  static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // wake distances
+  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
   static constexpr std::uint64_t kThresholdStream = 1, kNoiseStream = 2, kLatencyStream = 3;
 
-  struct TimedEvent {
-    double t;
-    Event event;
-  };
-  struct NoiseEvent {
-    std::size_t pixel;
-    double t;
-    bool on;
+  // A stretch of time in which things move in good order, cut into ticks. Frames are made when they are asked for.
+  struct Segment {
+    double begin_us, end_us;
+    SceneRenderer::Motion motion;
+    std::size_t ticks;
+    std::vector<std::optional<SceneRenderer::Frame>> frames;  // at the ends of the ticks
+
+    double us(std::size_t tick) const {
+      return tick == ticks ? end_us
+                           : begin_us + (end_us - begin_us) * static_cast<double>(tick) / static_cast<double>(ticks);
+    }
   };
 
-  static const SimulatorSettings& validated(const SimulatorSettings& s) {
-    const auto require = [](double value, const char* field, bool may_be_zero) {
-      if (!std::isfinite(value) || value < 0 || (value == 0 && !may_be_zero))
-        throw std::invalid_argument(std::string("simulator: ") + field + " is " + std::to_string(value));
-    };
-    require(s.duration_s, "duration_s", true);
-    require(s.contrast_threshold_on, "contrast_threshold_on", false);
-    require(s.contrast_threshold_off, "contrast_threshold_off", false);
-    require(s.threshold_mismatch, "threshold_mismatch", true);
-    require(s.refractory_us, "refractory_us", true);
-    require(s.pixel_time_constant_us, "pixel_time_constant_us", true);
-    require(s.point_spread_px, "point_spread_px", false);
-    require(s.noise_hz_per_px, "noise_hz_per_px", true);
-    require(s.latency_jitter_us, "latency_jitter_us", true);
-    require(s.max_step_px, "max_step_px", false);
-    require(s.max_step_us, "max_step_us", false);
-    return s;
+  struct Tile {
+    double moved_px = 0;     // sum of its steps' motions
+    float wake_px = kNow;    // the least of its pixels: nothing to do until so much has moved
+    std::uint64_t cast = 0;  // of what was there last
+    bool drifts = false;     // some of its pixels see a moving background
+  };
+
+  // What one tile has come to within a batch.
+  struct Progress {
+    std::size_t tile;
+    double t;                           // up to where its pixels have been advanced
+    double moved_px;                    // since then
+    std::span<const NoiseEvent> noise;  // not yet dealt with
+  };
+
+  const TileGrid& grid() const noexcept { return renderer_.grid(); }
+  // What a pixel draws shall not depend on how the pixels are stored.
+  std::uint64_t pixel_key(std::size_t index) const {
+    return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
   }
 
-  EventPixel make_pixel(int x, int y) const {
-    Random random(settings_.seed, kThresholdStream, pixels_.size());
+  EventPixel make_pixel(std::size_t index, const SceneRenderer::Frame& start) const {
+    if (!grid().on_sensor(index)) return {0, 1, 1};
+    Random random(settings_.seed, kThresholdStream, pixel_key(index));
     const auto threshold = [&](double nominal) {  // a real comparator has no threshold near 0 or below
       return std::max(nominal / 4, nominal + settings_.threshold_mismatch * random.gaussian());
     };
     const double on = threshold(settings_.contrast_threshold_on);
     const double off = threshold(settings_.contrast_threshold_off);
-    return {std::log(renderer_.sample(frame_, x, y).intensity), on, off};
+    return {std::log(renderer_.sample(start, grid().x(index), grid().y(index)).intensity), on, off};
   }
 
-  double noise_interval_us() {
-    const double rate_hz = settings_.noise_hz_per_px * static_cast<double>(wake_.size());
-    return noise_.exponential() / rate_hz * 1e6;  // infinite without noise
-  }
-
-  // One time step: choose its length, draw its noise, advance the pixels that can have changed, let events out.
+  // One batch: look ahead how things move, draw the noise, take every tile there in steps of its own, let events out.
   void advance() {
-    const auto next = choose_step();
-    const double t0 = now_us_, t1 = step_us_ < end_us_ - t0 ? t0 + step_us_ : end_us_;
-    draw_noise(t1);
-    for (std::size_t run = 0; run < run_wake_.size(); ++run)
-      if (run_wake_[run] < moved_px_) advance_run(run, next, t0, t1);
-    frame_ = next;
-    now_us_ = t1;
-    release_events();
+    segments_.clear();
+    double t = now_us_, drift_px = 0;  // the background takes one step a batch
+    while (segments_.size() < kSegmentsPerBatch && t < end_us_ && drift_px < 0.9 * settings_.max_step_px) {
+      segments_.push_back(next_segment(t, settings_.max_step_px - drift_px));
+      t = segments_.back().end_us;
+      drift_px += segments_.back().motion.background;
+    }
+    const auto& noise = noise_.draw(t);
+    auto begin = noise.begin();
+    for (std::size_t tile = 0; tile < tiles_.size(); ++tile) {
+      const auto end = std::find_if(begin, noise.end(),
+                                    [&](const NoiseEvent& event) { return TileGrid::tile(event.pixel) != tile; });
+      advance_tile(tile, {begin, end});
+      begin = end;
+    }
+    now_us_ = t;
+    waiting_.release(now_us_, batch_);
   }
 
-  SceneRenderer::Frame choose_step() {
-    for (double step = std::min({1.5 * step_us_, settings_.max_step_us, end_us_ - now_us_});;) {
-      auto next = renderer_.at((now_us_ + step) * 1e-6);
-      const double motion = renderer_.motion_px(frame_, next);
-      if (motion > settings_.max_step_px && step > kShortestStepUs) {
-        step = std::max(kShortestStepUs, step * std::clamp(0.95 * settings_.max_step_px / motion, 0.2, 0.95));
+  Segment next_segment(double begin_us, double drift_limit_px) {
+    auto from = renderer_.at(begin_us * 1e-6);
+    const double rest = end_us_ - begin_us, limit_px = kStepsPerSegment * settings_.max_step_px;
+    for (segment_us_ = std::min(1.5 * segment_us_, settings_.max_step_us);;) {
+      const double end_us = segment_us_ < rest ? begin_us + segment_us_ : end_us_, length = end_us - begin_us;
+      auto to = renderer_.at(end_us * 1e-6);
+      auto motion = renderer_.motion(from, to);
+      const double excess = std::max(motion.largest / limit_px, motion.background / drift_limit_px);
+      if (excess > 1 && length > kShortestSegmentUs) {
+        segment_us_ = std::max(kShortestSegmentUs, length * std::clamp(0.95 / excess, 0.2, 0.95));
         continue;
       }
-      step_us_ = step;
-      moved_px_ += static_cast<float>(motion);
-      peak_speed_px_per_s_ = std::max(peak_speed_px_per_s_, motion / step * 1e6);
-      // Single precision is fine up to some ten thousand pixels: then count from 0 again.
-      if (renderer_.appearance_changes(frame_, next) || moved_px_ > 1e4f) wake_all();
-      return next;
+      peak_speed_px_per_s_ = std::max(peak_speed_px_per_s_, motion.largest / length * 1e6);
+      const double steps = std::min<double>(std::ceil(motion.largest / settings_.max_step_px), kStepsPerSegment);
+      const auto ticks = kTicksPerStep * static_cast<std::size_t>(std::max(1.0, steps));
+      Segment segment{begin_us, end_us, std::move(motion), ticks, {}};
+      segment.frames.resize(ticks + 1);
+      segment.frames.front() = std::move(from);
+      segment.frames.back() = std::move(to);
+      return segment;
     }
   }
 
-  void wake_all() {
-    moved_px_ = 0;
-    std::fill(wake_.begin(), wake_.end(), kNow);
-    std::fill(run_wake_.begin(), run_wake_.end(), kNow);
+  // Takes a tile through the segments: a step ends when something in the tile has moved by the longest step, where
+  // something comes or goes, and at the end.
+  void advance_tile(std::size_t index, std::span<const NoiseEvent> noise) {
+    Tile& tile = tiles_[index];
+    Progress progress{index, segments_.front().begin_us, 0, noise};
+
+    for (Segment& segment : segments_) {
+      renderer_.observe(index, *segment.frames.front(), *segment.frames.back(), segment.motion, next_activity_);
+      const bool recast = next_activity_.cast != tile.cast;
+      if (recast) {
+        if (progress.t < segment.begin_us) step_to(segment, 0, progress);
+        wake(index);
+        tile.cast = next_activity_.cast;
+      }
+      std::swap(activity_, next_activity_);
+      const double motion = activity_.motion_px, moved = tile.moved_px + progress.moved_px;
+      const bool noisy = !progress.noise.empty() && progress.noise.front().t < segment.end_us;
+      if (!noisy && static_cast<double>(tile.wake_px) >= moved + motion) {
+        tile.moved_px = moved + motion;
+        progress.t = segment.end_us;
+        progress.moved_px = 0;
+        continue;
+      }
+      const double tick_px = motion / static_cast<double>(segment.ticks);
+      for (std::size_t tick = 0;;) {
+        const auto left = static_cast<double>(segment.ticks - tick);
+        const double ticks = std::max(1.0, std::floor((settings_.max_step_px - progress.moved_px) / tick_px));
+        if (!(ticks < left)) {
+          progress.moved_px += left * tick_px;
+          break;
+        }
+        tick += static_cast<std::size_t>(ticks);
+        progress.moved_px += ticks * tick_px;
+        step_to(segment, tick, progress);
+      }
+      if (recast) step_to(segment, segment.ticks, progress);
+    }
+    const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
+    if (awake || !progress.noise.empty() || tile.drifts) step_to(segments_.back(), segments_.back().ticks, progress);
+    if (tile.moved_px > 1e4) wake(index);  // single precision is fine up to there
   }
 
-  void draw_noise(double until_us) {
-    step_noise_.clear();
-    for (; next_noise_us_ < until_us; next_noise_us_ += noise_interval_us()) {
-      const auto pixel = static_cast<std::size_t>(noise_.uniform() * static_cast<double>(wake_.size()));
-      step_noise_.push_back({pixel, next_noise_us_, noise_.bits() >> 63 != 0});
-      wake_[pixel] = kNoisy;
-      run_wake_[pixel / kRun] = kNoisy;
-    }
+  void wake(std::size_t tile) {
+    const std::size_t first = tile * TileGrid::kPixelsPerTile;
+    for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i)
+      if (grid().on_sensor(i)) wake_[i] = kNow;
+    tiles_[tile].moved_px = 0;
+    tiles_[tile].wake_px = kNow;
   }
 
-  void advance_run(std::size_t run, const SceneRenderer::Frame& next, double t0, double t1) {
-    float run_wake = std::numeric_limits<float>::infinity();
-    for (std::size_t i = run * kRun; i < std::min((run + 1) * kRun, wake_.size()); ++i) {
-      if (wake_[i] < moved_px_) wake_[i] = advance_pixel(i, next, t0, t1);
-      run_wake = std::min(run_wake, wake_[i]);
+  // One step of those pixels of a tile that can have changed.
+  void step_to(Segment& segment, std::size_t tick, Progress& progress) {
+    const double t = segment.us(tick);
+    auto& frame = segment.frames[tick];
+    if (!frame) frame = renderer_.at(t * 1e-6);
+    std::size_t noise_count = 0;
+    for (; noise_count < progress.noise.size() && progress.noise[noise_count].t < t; ++noise_count)
+      wake_[progress.noise[noise_count].pixel] = kNow;
+
+    Tile& tile = tiles_[progress.tile];
+    tile.moved_px += progress.moved_px;
+    const auto moved = static_cast<float>(tile.moved_px);
+    const std::size_t first = progress.tile * TileGrid::kPixelsPerTile;
+    tile.wake_px = kNever;
+    tile.drifts = false;
+    const bool drift = t == segments_.back().end_us;
+    for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i) {
+      if (wake_[i] < moved || (drift && drifts_since_us_[i] < t))
+        wake_[i] =
+            advance_pixel(i, *frame, std::min(progress.t, drifts_since_us_[i]), t, progress.noise.first(noise_count));
+      tile.wake_px = std::min(tile.wake_px, wake_[i]);
+      tile.drifts = tile.drifts || drifts_since_us_[i] != kDriftsNot;
     }
-    run_wake_[run] = run_wake;
+    progress = {progress.tile, t, 0, progress.noise.subspan(noise_count)};
   }
 
   // Returns the distance moved at which the pixel must be looked at again.
-  float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1) {
-    const int width = sensor_size().width;
-    const int x = static_cast<int>(index) % width, y = static_cast<int>(index) / width;
+  float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
+                      std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
     const EventPixelDynamics dynamics{settings_.pixel_time_constant_us, settings_.refractory_us};
-    const auto emit = [&](double t, bool on) {
-      const double latency =
-          settings_.latency_jitter_us > 0
-              ? settings_.latency_jitter_us *
-                    Random(settings_.seed ^ kLatencyStream << 32, index, std::bit_cast<std::uint64_t>(t)).exponential()
-              : 0;
-      waiting_.push_back({t + latency,
-                          {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), static_cast<std::int16_t>(on),
-                           static_cast<Timestamp>(t + latency)}});
-      return t + latency;
-    };
-    const auto sample = renderer_.sample(next, x, y);
-    const double end = std::log(sample.intensity), start = pixel.log_intensity();
+    const auto emit = [&](double t, bool on) { return send(index, t, on); };
+    const auto sample = renderer_.sample(next, index, activity_);
+    const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
     double t = t0;
-    if (wake_[index] == kNoisy)
-      for (const auto& noise : step_noise_) {
-        if (noise.pixel != index || noise.t <= t) continue;
-        pixel.advance(t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), dynamics, emit);
-        pixel.fire(noise.t, noise.on, dynamics, emit);
-        t = noise.t;
-      }
+    for (const auto& noise : step_noise) {
+      if (noise.pixel != index || noise.t <= t) continue;
+      pixel.advance(t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), dynamics, emit);
+      pixel.fire(noise.t, noise.on, dynamics, emit);
+      t = noise.t;
+    }
     if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
-    return sample.clearance_px > 0 && pixel.settle() ? moved_px_ + static_cast<float>(sample.clearance_px) : kNow;
+    drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
+    const double moved = tiles_[TileGrid::tile(index)].moved_px;
+    return pixel.settle() ? static_cast<float>(moved + sample.clearance_px) : kNow;
   }
 
-  // Events that leave their pixels by now; later steps make none that is earlier.
-  void release_events() {
-    const auto order = [](const TimedEvent& a, const TimedEvent& b) {
-      if (a.t != b.t) return a.t < b.t;
-      return a.event.y != b.event.y ? a.event.y < b.event.y : a.event.x < b.event.x;
-    };
-    std::sort(waiting_.begin(), waiting_.end(), order);
-    const auto out = std::find_if(waiting_.begin(), waiting_.end(), [&](const auto& w) { return w.t >= now_us_; });
-    for (auto it = waiting_.begin(); it != out; ++it) batch_.push_back(it->event);
-    waiting_.erase(waiting_.begin(), out);
+  // Returns the time at which the event leaves its pixel.
+  double send(std::size_t index, double t, bool on) {
+    if (settings_.latency_jitter_us > 0) {
+      Random random(settings_.seed ^ kLatencyStream << 32, pixel_key(index), std::bit_cast<std::uint64_t>(t));
+      t += settings_.latency_jitter_us * random.exponential();
+    }
+    waiting_.push(t, {static_cast<std::uint16_t>(grid().x(index)), static_cast<std::uint16_t>(grid().y(index)),
+                      static_cast<std::int16_t>(on), static_cast<Timestamp>(t)});
+    return t;
   }
 
   SimulatorSettings settings_;
   SceneRenderer renderer_;
   double now_us_ = 0;
   double end_us_;
-  double step_us_;
-  SceneRenderer::Frame frame_;  // at now
-  float moved_px_ = 0;          // sum of the steps' motions
+  double segment_us_;
   double peak_speed_px_per_s_ = 0;
-
-  std::vector<EventPixel> pixels_;
-  std::vector<float> wake_;      // per pixel: asleep until so much has moved
-  std::vector<float> run_wake_;  // the least of each run of pixels
-
-  Random noise_;
-  double next_noise_us_ = 0;
-  std::vector<NoiseEvent> step_noise_;
-
-  std::vector<TimedEvent> waiting_;
+  std::vector<Segment> segments_;
+  std::vector<Tile> tiles_;
+  std::vector<EventPixel> pixels_;       // in the order of the grid
+  std::vector<float> wake_;              // per pixel: asleep until so much has moved in its tile
+  std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
+  SceneRenderer::Activity activity_, next_activity_;
+  PixelNoise noise_;
+  EventQueue waiting_;
   std::vector<Event> batch_;
 };
 
