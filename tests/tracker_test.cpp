@@ -189,6 +189,40 @@ TEST_CASE("several markers are tracked at once, each by its own id") {
   }
 }
 
+TEST_CASE("of a planar marker's two poses, the events choose the right one") {
+  // 1.2 m away and tilted, the marker looks almost the same tilted the other way.
+  const Trajectory motion = trajectory::handheld({.T_center = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),
+                                                  .amplitude_m = {0.15, 0.12, 0.1},
+                                                  .amplitude_rad = {0.05, 0.05, 0.1},
+                                                  .frequency_hz = 1.3,
+                                                  .seed = 60});
+  struct MistakenDetector {  // takes the mirrored pose for the likelier one
+    KnowingDetector knowing;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+      auto found = knowing.detect(frame);
+      const Eigen::Isometry3d truth = found[0].T_camera_marker;
+      const Eigen::Matrix3d facing = facing_pose({0, 0, 1}).linear();
+      const Eigen::Vector3d turn = so3_log(truth.linear() * facing.transpose());
+      found[0].T_camera_marker = facing_pose(truth.translation(), {-turn.x(), -turn.y(), turn.z()});
+      found[0].T_camera_marker_alternative = truth;
+      return found;
+    }
+    MarkerModel model(MarkerId id) const { return knowing.model(id); }
+  };
+  const auto events = simulated::near_events(motion, 0.6, 60);
+  Tracker tracker(simulated::camera, MistakenDetector{{motion}});
+  AccuracyMeter meter;
+  double first_error_deg = 0;
+  for (const PoseEstimate& pose : track(tracker, events)) {
+    if (meter.poses() == 0) first_error_deg = pose_error(pose.T_camera_marker, motion(seconds(pose.t))).rotation_deg;
+    meter.add(pose, motion(seconds(pose.t)));
+  }
+  REQUIRE(first_error_deg > 30);
+  REQUIRE(meter.tracking() > 500);
+  CHECK(meter.rotation_deg().mean < 3);
+  CHECK(meter.wild() == 0);
+}
+
 TEST_CASE("settings out of range are named") {
   const auto make = [](const TrackerSettings<>& settings) {
     return Tracker(simulated::camera, KnowingDetector{trajectory::still(facing_pose({0, 0, 1}))}, settings);

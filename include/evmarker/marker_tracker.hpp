@@ -2,6 +2,7 @@
 // Floor 6. One marker, from a known pose on: follow it, verify it, say when it is lost.
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -70,6 +71,7 @@ class MarkerTracker {
     if (updated) {
       ++updates_;
       quality_.updated_t = t_;
+      if (quality_.state == TrackingState::converging) add_misfit(follower_.last_update());
     }
     if (quality_.state == TrackingState::converging) {
       if (updates_ > settings_.converging_updates) start_judging();
@@ -99,6 +101,10 @@ class MarkerTracker {
     return estimate();
   }
 
+  /// How badly the edges explained the events while the tracker converged: root mean square distance of all events on
+  /// or near the wireframe, the unmatched ones at the matching limit [px]. Tells which of two starts was the right one.
+  double misfit_px() const noexcept { return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : 0; }
+
   MarkerId id() const noexcept { return id_; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
   TrackingState state() const noexcept { return quality_.state; }
@@ -113,6 +119,13 @@ class MarkerTracker {
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
     return pose;
+  }
+
+  void add_misfit(const UpdateStatistics& update) noexcept {
+    const double limit = settings_.matching.max_distance_px;
+    misfit2_px_ +=
+        update.matched * update.residual_px * update.residual_px + (update.offered - update.matched) * limit * limit;
+    misfit_events_ += update.offered;
   }
 
   // The first updates refine the detection; what happened in them is not held against the tracker.
@@ -144,6 +157,8 @@ class MarkerTracker {
   TrackingQuality quality_;
   Timestamp t_ = 0;
   int updates_ = 0;
+  double misfit2_px_ = 0;  // sum over the events of the converging updates
+  int misfit_events_ = 0;
   int offered_ = 0;              // events that the running mean below stands for
   double matched_fraction_ = 1;  // running mean over the events on or near the wireframe
 };

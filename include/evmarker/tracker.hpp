@@ -92,9 +92,9 @@ class Tracker {
     ++passed_;
     frame_.update(event);
     history_.push(event);
-    for (MarkerTracker<Rule>& marker : markers_)
-      if (const auto pose = marker.push(event)) deliver(*pose);
-    drop_lost();
+    for (MarkerTracker<Rule>& rival : rivals_) rival.push(event);
+    for (MarkerTracker<Rule>& marker : markers_) track(marker, event);
+    if (!poses_.empty()) drop_lost();
     if (detection_due(event.t)) detect(event.t);
     if (registration_due(event.t)) register_detections();
     return poses_;
@@ -128,10 +128,26 @@ class Tracker {
       statistics_.matched += static_cast<std::uint64_t>(pose.quality.matched);
   }
 
+  void track(MarkerTracker<Rule>& marker, const Event& event) {
+    if (const auto pose = marker.push(event)) deliver(settle(marker) ? marker.estimate() : *pose);
+  }
+
+  // A planar marker has two poses that look alike from afar. Both were started; once the likelier one has converged,
+  // the one whose edges explained the events better goes on. True if it is the other.
+  bool settle(MarkerTracker<Rule>& marker) noexcept {
+    if (marker.state() == TrackingState::converging) return false;
+    const auto rival = std::ranges::find(rivals_, marker.id(), &MarkerTracker<Rule>::id);
+    if (rival == rivals_.end()) return false;
+    const bool better = rival->state() != TrackingState::lost &&
+                        (marker.state() == TrackingState::lost || rival->misfit_px() < marker.misfit_px());
+    if (better) std::swap(marker, *rival);
+    rivals_.erase(rival);
+    return better;
+  }
+
   // A lost marker's id goes back to the detector.
   void drop_lost() noexcept {
-    if (!poses_.empty())
-      std::erase_if(markers_, [](const auto& marker) { return marker.state() == TrackingState::lost; });
+    std::erase_if(markers_, [](const auto& marker) { return marker.state() == TrackingState::lost; });
   }
 
   bool detection_due(Timestamp t) const noexcept {
@@ -169,15 +185,21 @@ class Tracker {
     for (const auto& [detection, sightings] : candidates_) {
       if (sightings < settings_.detections_to_confirm || tracked(detection)) continue;
       if (markers_.size() == settings_.max_markers) break;
-      MarkerTracker<Rule> marker(lines_, detector_.model(detection.id), detection.T_camera_marker, settings_.marker,
-                                 detection.id);
       ++statistics_.registered;
+      if (detection.T_camera_marker_alternative)
+        rivals_.push_back(start(detection, *detection.T_camera_marker_alternative));
+      markers_.push_back(start(detection, detection.T_camera_marker));
       history_.for_each_since(looked_at_, [&](const Event& event) {
         ++statistics_.replayed;
-        if (const auto pose = marker.push(event)) deliver(*pose);
+        if (!rivals_.empty() && rivals_.back().id() == detection.id) rivals_.back().push(event);
+        track(markers_.back(), event);
       });
-      if (marker.state() != TrackingState::lost) markers_.push_back(std::move(marker));
     }
+    drop_lost();
+  }
+
+  MarkerTracker<Rule> start(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) {
+    return {lines_, detector_.model(detection.id), T_camera_marker, settings_.marker, detection.id};
   }
 
   // Whether the id is being tracked where it was found. A tracker that has had no update while its marker is seen
@@ -208,6 +230,7 @@ class Tracker {
   PolarityFrame frame_;
   EventHistory history_;
   std::vector<MarkerTracker<Rule>> markers_;
+  std::vector<MarkerTracker<Rule>> rivals_;  // from the other pose of a planar marker, until one of the two is dropped
   std::vector<PoseEstimate> poses_;
   std::vector<Candidate> candidates_;  // found in the last look
   bool registration_pending_ = false;
