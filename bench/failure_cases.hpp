@@ -12,6 +12,7 @@
 
 #include "evmarker/accuracy.hpp"
 #include "evmarker/camera.hpp"
+#include "evmarker/decoupled_update.hpp"
 #include "evmarker/event_stream.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/marker_tracker.hpp"

@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "evmarker/decoupled_update.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "recording.hpp"
 

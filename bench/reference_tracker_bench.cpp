@@ -1,5 +1,6 @@
 #include <benchmark/benchmark.h>
 
+#include "evmarker/decoupled_update.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "recording.hpp"
 #include "reference_tracker.hpp"

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "evmarker/decoupled_update.hpp"
 #include "evmarker/tracker.hpp"
 #include "recording.hpp"
 
