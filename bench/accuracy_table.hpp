@@ -103,12 +103,13 @@ inline constexpr const char* kNotes =
     "in "
     "the scene. NEES/dof: mean squared error in units of the pose's own covariance, 1 where it is right. ns/event: "
     "processor time without the detector's looks at the frame; looks: their share of real time (one thread: --jobs 1). "
-    "Grey images are linear, 8 bit, with exposure blur and 1.5 (60 Hz) or 4 (1 kHz) levels of noise; a pose counts for "
+    "Grey images are linear, 8 bit, with exposure blur and 1.5 (60 Hz) or 4 (1 kHz) levels of noise, as if there were "
+    "always light "
+    "enough, in `dim` too; a pose counts for "
     "the middle of its exposure, and processing time is not counted against it. AprilTag 3 does not read DICT_4X4_50: "
     "its images show tags of family 36h11, same size and motion. Of the 1 kHz images only every so-many-th is made, "
     "spread evenly over the recording: errors are those of the 1 kHz camera, coverage and first pose are a lower and "
-    "an "
-    "upper bound.";
+    "an upper bound.";
 
 }  // namespace detail
 
