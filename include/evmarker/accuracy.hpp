@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <stdexcept>
@@ -56,7 +57,9 @@ class AccuracyMeter {
     ++all_;
     if (estimate.quality.state == TrackingState::lost) ++lost_;
     if (estimate.quality.state != TrackingState::tracking) return;
-    const PoseError error = pose_error(estimate.T_camera_marker, truth);
+    PoseError error = pose_error(estimate.T_camera_marker, truth);
+    for (double* value : {&error.translation_mm, &error.rotation_deg})  // no number, no way to sort
+      if (std::isnan(*value)) *value = std::numeric_limits<double>::infinity();
     translation_mm_.push_back(error.translation_mm);
     rotation_deg_.push_back(error.rotation_deg);
     wild_ += error.translation_mm > 50 || error.rotation_deg > 20;
