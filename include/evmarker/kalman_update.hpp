@@ -2,6 +2,7 @@
 // Floor 4. Our rule: coupled point-to-line Kalman filter with velocity and edge offset.
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -58,7 +59,8 @@ class KalmanUpdate {
     require(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
     require(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
-    require(events_per_update, "events_per_update");
+    if (events_per_update < 1)
+      throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
     Vector13 sigma;
     sigma << Eigen::Vector3d::Constant(settings.initial_sigma_t_m),
         Eigen::Vector3d::Constant(settings.initial_sigma_r_rad),
@@ -75,6 +77,7 @@ class KalmanUpdate {
     J.segment<3>(3) = lever.cross(c.gradient);
     J(6) = c.dark_side_known ? 1 : 0;
     const double residual = c.distance_px - J(6) * offset_px_;
+    if (!std::isfinite(residual * residual * J.squaredNorm() * lever.squaredNorm())) return;  // would stay for ever
     const double ratio = residual / settings_.robust_px;
     const double weight = 1 / (1 + ratio * ratio);
     H_.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
@@ -87,7 +90,8 @@ class KalmanUpdate {
     const Vector6d moved = predict(t);
 
     // Information of the events about [pose, offset]; their residuals refer to the pose before the prediction.
-    const double per_event = 1 / (settings_.inflation * settings_.inflation * spread2_px_);
+    constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
+    const double per_event = 1 / (settings_.inflation * settings_.inflation * std::max(spread2_px_, kPixelVariance));
     const Matrix7 H = per_event * Matrix7(H_.selfadjointView<Eigen::Lower>());
     Vector7 b = per_event * b_;
     b -= H.leftCols<6>() * moved;
@@ -105,12 +109,17 @@ class KalmanUpdate {
     const Eigen::Matrix<double, kStates, 7> G =
         L.triangularView<Eigen::Lower>().solve(PC.transpose()).transpose();  // PC L^-T
     const Vector13 delta = G * innovation.solve(L.transpose() * b);
-    const Matrix7 shrink = Matrix7::Identity() - Matrix7(innovation.solve(Matrix7::Identity()));
-    const Matrix13 P = P_ - G * shrink * G.transpose();
-    if (!delta.allFinite() || !P.allFinite()) return false;
+    // P - K H C P as a square, so that rounding leaves it positive, plus the part of the velocity's variance that pose
+    // and offset do not explain.
+    const Eigen::Matrix<double, 7, kStates> root = innovation.matrixL().solve(G.transpose());
+    Matrix13 P = root.transpose() * root;
+    P.block<6, 6>(6, 6) += P_.block<6, 6>(6, 6) - G.middleRows<6>(6) * G.middleRows<6>(6).transpose();
+    Eigen::Isometry3d T = T_camera_marker;
+    perturb(T, moved + delta.head<6>());
+    if (!delta.allFinite() || !P.allFinite() || !T.matrix().allFinite()) return false;
 
-    P_ = 0.5 * (P + P.transpose());
-    perturb(T_camera_marker, moved + delta.head<6>());
+    P_ = P;
+    T_camera_marker = T;
     twist_ += delta.segment<6>(6);
     offset_px_ += delta(12);
     return true;
@@ -152,11 +161,13 @@ class KalmanUpdate {
 
   // Lets time pass: velocity carries the pose and fades, its noise adds up. Returns the pose's motion.
   Vector6d predict(Timestamp t) noexcept {
-    const double dt = started_ && t > t_ ? static_cast<double>(t - t_) * 1e-6 : 0;
+    const double dt = started_ && t > t_ ? 1e-6 * (static_cast<double>(t) - static_cast<double>(t_)) : 0;
     started_ = true;
     t_ = t;
-    const double kept = std::exp(-dt / settings_.velocity_memory_s);
-    const double carried = settings_.velocity_memory_s * (1 - kept);  // integral of the fading velocity
+    const double tau = settings_.velocity_memory_s;
+    const double faded = -std::expm1(-dt / tau), faded2 = -std::expm1(-2 * dt / tau);
+    const double kept = 1 - faded;
+    const double carried = tau * faded;  // integral of the fading velocity
     Matrix13 F = Matrix13::Identity();
     F.block<6, 6>(0, 6).diagonal().setConstant(carried);
     F.block<6, 6>(6, 6).diagonal().setConstant(kept);
@@ -165,10 +176,11 @@ class KalmanUpdate {
     const double q_linear = settings_.acceleration_noise + speed * speed * speed / settings_.turning_distance_m;
     for (int axis = 0; axis < 6; ++axis) {
       const double q = axis < 3 ? q_linear : q_linear / lever2_;
-      P_(axis, axis) += q * dt * dt * dt / 3;
-      P_(axis, axis + 6) += q * dt * dt / 2;
-      P_(axis + 6, axis) += q * dt * dt / 2;
-      P_(axis + 6, axis + 6) += q * dt;
+      // White acceleration of a velocity that fades, integrated: for short times q dt^3 / 3, q dt^2 / 2 and q dt.
+      P_(axis, axis) += q * tau * tau * std::max(0.0, dt - 2 * tau * faded + tau / 2 * faded2);
+      P_(axis, axis + 6) += q * carried * carried / 2;
+      P_(axis + 6, axis) += q * carried * carried / 2;
+      P_(axis + 6, axis + 6) += q * tau / 2 * faded2;
     }
     P_(12, 12) += settings_.offset_drift_px * settings_.offset_drift_px * dt;
     const Vector6d moved = carried * twist_;
