@@ -45,6 +45,7 @@ struct CountingRule {
     T_camera_marker.translation().z() += settings.step_z;
     return true;
   }
+  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept { ++reversals; }
   Matrix6d information() const noexcept { return Matrix6d::Zero(); }
   std::optional<Vector6d> twist() const noexcept { return std::nullopt; }

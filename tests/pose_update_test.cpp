@@ -25,6 +25,7 @@ struct SlideRule {
     sum = 0;
     return true;
   }
+  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept { sum = 0; }
   Matrix6d information() const noexcept { return Matrix6d::Zero(); }
   std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
@@ -43,6 +44,10 @@ struct ThrowingUpdate : SlideRule {
 struct ThrowingReverse : SlideRule {
   using SlideRule::SlideRule;
   void reverse() {}
+};
+struct ThrowingExtrapolate : SlideRule {
+  using SlideRule::SlideRule;
+  void extrapolate(Eigen::Isometry3d&, Timestamp) {}
 };
 struct SilentUpdate : SlideRule {
   using SlideRule::SlideRule;
@@ -75,6 +80,7 @@ struct WithoutSettings {
   WithoutSettings(const NoSettings&, int) {}
   void add(const Correspondence&, const Eigen::Isometry3d&) noexcept {}
   bool update(Eigen::Isometry3d&, Timestamp) noexcept { return true; }
+  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept {}
   Matrix6d information() const noexcept { return Matrix6d::Zero(); }
   std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
@@ -87,6 +93,7 @@ static_assert(!PoseUpdateRule<int>);
 static_assert(!PoseUpdateRule<ThrowingAdd>);
 static_assert(!PoseUpdateRule<ThrowingUpdate>);
 static_assert(!PoseUpdateRule<ThrowingReverse>);
+static_assert(!PoseUpdateRule<ThrowingExtrapolate>);
 static_assert(!PoseUpdateRule<SilentUpdate>);
 static_assert(!PoseUpdateRule<IntUpdate>);
 static_assert(!PoseUpdateRule<WithoutTime>);
