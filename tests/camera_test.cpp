@@ -162,7 +162,7 @@ TEST_CASE("the line of sight of every pixel leads back to it through OpenCV's pr
   }
 }
 
-TEST_CASE("without distortion the line of sight is K^-1 (u; 1)") {
+TEST_CASE("without distortion the line of sight is K^-1 (u, 1)") {
   const PinholeCamera camera({640, 480}, 500, 250, 320, 240);
   CHECK((camera.line_of_sight({320, 240}) - Vector3d(0, 0, 1)).norm() == 0);
   CHECK((camera.line_of_sight({570, 115}) - Vector3d(0.5, -0.5, 1)).norm() < 1e-15);

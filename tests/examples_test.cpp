@@ -378,7 +378,7 @@ TEST_CASE("examples: damaged recordings are tracked and what is wrong is reporte
   CHECK(mean_tracking_error(garbled, truth).poses > 100);
 }
 
-TEST_CASE("examples: text without geometry takes the camera's size; few events off it are counted") {
+TEST_CASE("examples: text without geometry takes the camera's size, few events off it are counted") {
   const TemporaryFolder folder;
   write_file(folder / "camera.yml", simulated_file("camera.yml"));
   write_file(folder / "a.csv", text_events(1000, 1000));

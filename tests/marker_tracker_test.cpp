@@ -86,7 +86,7 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   }
 }
 
-TEST_CASE("the first updates are converging, then tracking; poses carry id, time and quality") {
+TEST_CASE("the first updates are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = filtered(simulated::near_events(motion, 0.15, 43));
   MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_updates = 30});

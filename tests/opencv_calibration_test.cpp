@@ -99,7 +99,7 @@ TEST_CASE("a calibration as OpenCV's own program writes it") {
   CHECK(lens->k3 == 0.01);
 }
 
-TEST_CASE("ROS's camera_info: plain YAML, no tags; fisheye by its model") {
+TEST_CASE("ROS's camera_info: plain YAML, no tags, fisheye by its model") {
   for (const std::string& text : {kRos, "---\n" + kRos, "\n" + kRos}) {
     const PinholeCamera camera = opencv::load_calibration(write("ros.yaml", text));
     CHECK(camera.sensor_size() == SensorSize{346, 260});

@@ -138,11 +138,11 @@ TEST_CASE("matches agree with a search by trial, over random poses of a square a
           }
         }
         if (on_a_threshold || std::abs(best - 2) < 1e-4 || std::abs(best - 6) < 1e-4 ||
-            std::abs(second - best - 0.5) < 1e-4)
+            std::abs(second - best - 0.2) < 1e-4)
           continue;
         const MatchResult expected = best > 6              ? MatchResult::far
                                      : best > 2            ? MatchResult::near
-                                     : second - best < 0.5 ? MatchResult::ambiguous
+                                     : second - best < 0.2 ? MatchResult::ambiguous
                                                            : MatchResult::matched;
         Correspondence c;
         CAPTURE(best);
@@ -279,12 +279,12 @@ TEST_CASE("a near tie between two segments is nobody's event") {
   REQUIRE(matcher.project(kAhead));
   REQUIRE(undecided.project(kAhead));
   Correspondence c;
-  REQUIRE(matcher.match({0, 1.24 / kFocal}, c) == MatchResult::matched);
+  REQUIRE(matcher.match({0, 1.39 / kFocal}, c) == MatchResult::matched);
   CHECK(c.segment == 0);
-  REQUIRE(matcher.match({0, 1.76 / kFocal}, c) == MatchResult::matched);
+  REQUIRE(matcher.match({0, 1.61 / kFocal}, c) == MatchResult::matched);
   CHECK(c.segment == 1);
-  CHECK(c.distance_px == doctest::Approx(1.24));  // dark lies up, between them
-  for (const double y : {1.26, 1.5, 1.74}) {
+  CHECK(c.distance_px == doctest::Approx(1.39));  // dark lies up, between them
+  for (const double y : {1.41, 1.5, 1.59}) {
     CHECK(match_px(matcher, 0, y) == MatchResult::ambiguous);
     CHECK(match_px(undecided, 0, y) == MatchResult::matched);
   }

@@ -81,7 +81,7 @@ TEST_CASE("the first event has no support, whenever it comes") {
   }
 }
 
-TEST_CASE("each of the 8 neighbours supports, in every corner, on every border and inside; nobody else does") {
+TEST_CASE("each of the 8 neighbours supports, in every corner, on every border and inside, and nobody else does") {
   constexpr SensorSize kSize{5, 4};
   int supported = 0;
   for (int y = 0; y < kSize.height; ++y)

@@ -83,7 +83,7 @@ class KalmanUpdate {
     H_.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
     b_ += weight * residual * J;
     spread2_px_ += 0.001 * (residual * residual - spread2_px_);
-    lever2_ += 0.01 * (lever.squaredNorm() - lever2_);
+    lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever.squaredNorm() - lever2_);
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
@@ -149,6 +149,7 @@ class KalmanUpdate {
 
  private:
   static constexpr int kStates = 13;
+  static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
   using Vector7 = Eigen::Matrix<double, 7, 1>;
   using Matrix7 = Eigen::Matrix<double, 7, 7>;
   using Vector13 = Eigen::Matrix<double, kStates, 1>;
@@ -175,7 +176,7 @@ class KalmanUpdate {
     const double speed = twist_.head<3>().norm() + std::sqrt(lever2_) * twist_.tail<3>().norm();
     const double q_linear = settings_.acceleration_noise + speed * speed * speed / settings_.turning_distance_m;
     for (int axis = 0; axis < 6; ++axis) {
-      const double q = axis < 3 ? q_linear : q_linear / lever2_;
+      const double q = axis < 3 ? q_linear : q_linear / std::max(lever2_, kSmallestLever2);
       // White acceleration of a velocity that fades, integrated: for short times q dt^3 / 3, q dt^2 / 2 and q dt.
       P_(axis, axis) += q * tau * tau * std::max(0.0, dt - 2 * tau * faded + tau / 2 * faded2);
       P_(axis, axis + 6) += q * carried * carried / 2;
@@ -195,7 +196,7 @@ class KalmanUpdate {
   Matrix7 H_ = Matrix7::Zero();  // lower triangle: sum of w J J^T
   Vector7 b_ = Vector7::Zero();  // sum of w J d
   double spread2_px_ = 1;        // running mean of the squared residuals [px^2]
-  double lever2_ = 1;            // running mean of |E - T|^2 [m^2]
+  double lever2_ = 0;            // running mean of |E - T|^2 [m^2], 0 before the first event
   Timestamp t_ = 0;
   bool started_ = false;
 };
