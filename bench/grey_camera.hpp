@@ -8,8 +8,8 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "evmarker/random.hpp"
-#include "evmarker/scene_renderer.hpp"
+#include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/scene_renderer.hpp"
 #include "scenarios.hpp"
 
 namespace evmarker::bench {

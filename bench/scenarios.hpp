@@ -11,8 +11,8 @@
 
 #include "evmarker/camera.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
-#include "evmarker/random.hpp"
 #include "evmarker/scene.hpp"
+#include "evmarker/simulation/random.hpp"
 #include "evmarker/simulator.hpp"
 #include "evmarker/trajectory.hpp"
 

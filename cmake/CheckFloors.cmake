@@ -1,12 +1,14 @@
 # Checks how the headers stand on each other:  cmake -D INCLUDE_DIR=include -P cmake/CheckFloors.cmake
 #
 # The second line of a core header is `// Floor N. What it is.`, and it includes only headers of lower floors, Eigen and the
-# standard library. The second line of a header in a folder is `// <folder>. What it is.`, and it may include besides that
+# standard library. simulation/ holds the simulator's inner parts and stands on the same floors. The second line of a header
+# in any other folder is `// <folder>. What it is.`, and it may include besides that
 # its own folder and what `folder_may_include_<folder>` lists. No header has more than 300 lines.
 cmake_minimum_required(VERSION 3.24)
 
 set(max_lines 300)
 set(always_allowed "^([a-z0-9_]+|Eigen/[A-Za-z]+)$") # what stands between < and >: C++ headers and Eigen
+set(core_folders "" simulation)
 set(folder_may_include_io "^$")
 set(folder_may_include_opencv "^opencv2/[a-z0-9_/]+\\.hpp$")
 
@@ -23,7 +25,7 @@ foreach(header IN LISTS headers)
   string(REGEX MATCH "^[^\n]*\n// (Floor )?([a-z0-9]+)\\. [^\n]" second_line "${text}")
   set(place "${CMAKE_MATCH_2}")
   get_filename_component(folder ${header} DIRECTORY)
-  if(folder STREQUAL "")
+  if(folder IN_LIST core_folders)
     if(NOT second_line MATCHES "// Floor " OR NOT place MATCHES "^[0-9]+$")
       list(APPEND faults "${header}:2: does not say '// Floor N. What it is.'")
       set(place unknown)

@@ -1,4 +1,4 @@
-#include "evmarker/event_pixel.hpp"
+#include "evmarker/simulation/event_pixel.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "evmarker/event_queue.hpp"
+#include "evmarker/simulation/event_queue.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "evmarker/pixel_noise.hpp"
+#include "evmarker/simulation/pixel_noise.hpp"
 
 #include <doctest/doctest.h>
 

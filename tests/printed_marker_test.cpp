@@ -1,4 +1,4 @@
-#include "evmarker/printed_marker.hpp"
+#include "evmarker/simulation/printed_marker.hpp"
 
 #include <doctest/doctest.h>
 

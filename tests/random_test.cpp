@@ -1,4 +1,4 @@
-#include "evmarker/random.hpp"
+#include "evmarker/simulation/random.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "evmarker/scene_renderer.hpp"
+#include "evmarker/simulation/scene_renderer.hpp"
 
 #include <doctest/doctest.h>
 

@@ -36,7 +36,8 @@ inline std::vector<Event> record(Simulator&& simulator) {
 
 /// Marker `id` on `motion`, 1 Hz/px noise.
 inline std::vector<Event> near_events(const Trajectory& motion, double duration_s, std::uint64_t seed, int id = 0) {
-  return record({camera, {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
+  return record({camera,
+                 {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
                  SimulatorSettings{.duration_s = duration_s, .seed = seed}});
 }
 

@@ -1,4 +1,4 @@
-#include "evmarker/texture.hpp"
+#include "evmarker/simulation/texture.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "evmarker/tile_grid.hpp"
+#include "evmarker/simulation/tile_grid.hpp"
 
 #include <doctest/doctest.h>
 

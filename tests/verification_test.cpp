@@ -34,8 +34,8 @@ Eigen::Matrix3d rotation(double roll, double pitch, double yaw) {
 }  // namespace
 
 TEST_CASE("Eq. 13 is the sum of the centre's distances along x and y in pixels") {
-  const auto error = backtrack_error(pose(rotation(0, 0, 0), {0.10, -0.05, 0.5}),
-                                     pose(rotation(0, 0, 0), {0.13, -0.03, 0.6}), 500);
+  const auto error =
+      backtrack_error(pose(rotation(0, 0, 0), {0.10, -0.05, 0.5}), pose(rotation(0, 0, 0), {0.13, -0.03, 0.6}), 500);
   // 500 * |0.1 / 0.5 - 0.13 / 0.6| + 500 * |-0.05 / 0.5 + 0.03 / 0.6|
   CHECK(error.translation_px == doctest::Approx(500 * (0.13 / 0.6 - 0.2) + 500 * 0.05));
   CHECK(error.rotation_rad == doctest::Approx(0));

@@ -50,8 +50,9 @@ struct PoseEstimate {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
   Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
   std::optional<Vector6d> twist =
-      std::nullopt;                      ///< rate of the perturbation above [m/s; rad/s], where the rule has one
-  std::optional<double> edge_offset_px = std::nullopt;  ///< how far on the dark side of their edges events lie, where the rule knows
+      std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
+  std::optional<double> edge_offset_px =
+      std::nullopt;  ///< how far on the dark side of their edges events lie, where the rule knows
   TrackingQuality quality;
 };
 

@@ -11,13 +11,13 @@
 #include <vector>
 
 #include "evmarker/event.hpp"
-#include "evmarker/event_pixel.hpp"
-#include "evmarker/event_queue.hpp"
-#include "evmarker/pixel_noise.hpp"
-#include "evmarker/random.hpp"
-#include "evmarker/scene_renderer.hpp"
-#include "evmarker/simulator_settings.hpp"
-#include "evmarker/tile_grid.hpp"
+#include "evmarker/simulation/event_pixel.hpp"
+#include "evmarker/simulation/event_queue.hpp"
+#include "evmarker/simulation/pixel_noise.hpp"
+#include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/scene_renderer.hpp"
+#include "evmarker/simulation/simulator_settings.hpp"
+#include "evmarker/simulation/tile_grid.hpp"
 
 namespace evmarker {
 

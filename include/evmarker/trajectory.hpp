@@ -11,7 +11,7 @@
 #include <string>
 #include <utility>
 
-#include "evmarker/random.hpp"
+#include "evmarker/simulation/random.hpp"
 #include "evmarker/so3.hpp"
 
 namespace evmarker {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "evmarker/random.hpp"
 #include "evmarker/scene.hpp"
+#include "evmarker/simulation/random.hpp"
 
 namespace evmarker {
 

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <limits>
 
-#include "evmarker/printed_marker.hpp"
+#include "evmarker/simulation/printed_marker.hpp"
 
 namespace evmarker {
 

@@ -12,12 +12,12 @@
 #include <vector>
 
 #include "evmarker/camera.hpp"
-#include "evmarker/marker_view.hpp"
-#include "evmarker/printed_marker.hpp"
-#include "evmarker/random.hpp"
 #include "evmarker/scene.hpp"
-#include "evmarker/texture.hpp"
-#include "evmarker/tile_grid.hpp"
+#include "evmarker/simulation/marker_view.hpp"
+#include "evmarker/simulation/printed_marker.hpp"
+#include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/texture.hpp"
+#include "evmarker/simulation/tile_grid.hpp"
 
 namespace evmarker {
 

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "evmarker/random.hpp"
-#include "evmarker/tile_grid.hpp"
+#include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/tile_grid.hpp"
 
 namespace evmarker {
 
