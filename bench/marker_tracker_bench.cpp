@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "evmarker/decoupled_update.hpp"
+#include "evmarker/kalman_update.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "recording.hpp"
 
@@ -10,11 +11,11 @@ using namespace evmarker;
 
 namespace {
 
-using Tracker = MarkerTracker<DecoupledUpdate>;
-
 // Filtered events in, poses out. Timed: the look-up of the line of sight, matching, averages, updates, the bookkeeping
 // of the quality. The pose error comes from a pass over the same events before.
-void run(benchmark::State& state, const Tracker::Settings& settings) {
+template <PoseUpdateRule Rule>
+void run(benchmark::State& state, const MarkerTrackerSettings<Rule>& settings) {
+  using Tracker = MarkerTracker<Rule>;
   const auto& recording = bench::recording();
   const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);
   AccuracyMeter accuracy;
@@ -36,20 +37,29 @@ void run(benchmark::State& state, const Tracker::Settings& settings) {
 }
 
 // Tracking alone: no verification, its window longer than the recording. Like for like with `reference/decoupled`.
+template <PoseUpdateRule Rule>
 void tracking(benchmark::State& state) {
-  Tracker::Settings settings{.events_per_update = static_cast<int>(state.range(0))};
+  MarkerTrackerSettings<Rule> settings{.events_per_update = static_cast<int>(state.range(0))};
   settings.verification = {.updates = std::numeric_limits<int>::max(),
                            .max_events = 2 * bench::recording().filtered.size()};
-  run(state, settings);
+  run<Rule>(state, settings);
 }
 
 // As a user gets it: verified every 100 updates, so that all events are gone through twice.
-void verified(benchmark::State& state) { run(state, {.events_per_update = static_cast<int>(state.range(0))}); }
+template <PoseUpdateRule Rule>
+void verified(benchmark::State& state) {
+  run<Rule>(state, {.events_per_update = static_cast<int>(state.range(0))});
+}
 
-void events_per_update(benchmark::internal::Benchmark* b) {
+void decoupled(benchmark::internal::Benchmark* b) {
   b->ArgName("n")->Arg(1)->Arg(5)->Arg(20)->Arg(100)->Unit(benchmark::kMillisecond);
 }
-BENCHMARK(tracking)->Name("marker_tracker/decoupled")->Apply(events_per_update);
-BENCHMARK(verified)->Name("marker_tracker/decoupled/verified")->Apply(events_per_update);
+void kalman(benchmark::internal::Benchmark* b) {
+  b->ArgName("n")->Arg(1)->Arg(10)->Arg(100)->Unit(benchmark::kMillisecond);
+}
+BENCHMARK(tracking<DecoupledUpdate>)->Name("marker_tracker/decoupled")->Apply(decoupled);
+BENCHMARK(verified<DecoupledUpdate>)->Name("marker_tracker/decoupled/verified")->Apply(decoupled);
+BENCHMARK(tracking<KalmanUpdate>)->Name("marker_tracker/kalman")->Apply(kalman);
+BENCHMARK(verified<KalmanUpdate>)->Name("marker_tracker/kalman/verified")->Apply(kalman);
 
 }  // namespace

@@ -2,7 +2,6 @@
 
 #include <vector>
 
-#include "evmarker/decoupled_update.hpp"
 #include "evmarker/tracker.hpp"
 #include "recording.hpp"
 
@@ -47,7 +46,7 @@ static_assert(MarkerDetector<TrueStart>);
 // looks at the frame every 10 ms that find nothing.
 void tracker(benchmark::State& state) {
   const auto& recording = bench::recording(static_cast<int>(state.range(0)));
-  TrackerSettings<DecoupledUpdate> settings;
+  TrackerSettings<> settings;
   settings.detections_to_confirm = 1;
   const Tracker<TrueStart> start(bench::camera(), TrueStart(recording), settings);
 
