@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <vector>
 
@@ -162,6 +163,27 @@ TEST_CASE("events off the sensor and steps back in time are counted and survived
   const auto again = track(tracker, undisturbed);
   CHECK(tracker.statistics().time_steps_back == 1);
   CHECK(again.size() > 300);
+}
+
+TEST_CASE("times at the ends of their range do no harm") {
+  const Trajectory motion = simulated::near_motion(61);
+  const auto events = simulated::near_events(motion, 0.1, 61);
+  Tracker tracker(simulated::camera, KnowingDetector{motion}, TrackerSettings<>{.detections_to_confirm = 1},
+                  AcceptAll{});
+  REQUIRE(!track(tracker, events).empty());
+  int poses = 0;
+  constexpr auto kFirst = std::numeric_limits<Timestamp>::min(), kLast = std::numeric_limits<Timestamp>::max();
+  for (std::size_t i = 0; i < events.size(); ++i) {  // real places, times that jump to and fro
+    Event event = events[i];
+    event.t = i % 3 == 0 ? kLast : i % 3 == 1 ? kFirst : event.t;
+    for (const PoseEstimate& pose : tracker.push(event)) {
+      ++poses;
+      CHECK(pose.T_camera_marker.matrix().allFinite());
+    }
+  }
+  CHECK(poses > 0);
+  CHECK(tracker.statistics().events == 2 * events.size());
+  CHECK(tracker.statistics().time_steps_back > events.size() / 4);
 }
 
 TEST_CASE("several markers are tracked at once, each by its own id") {

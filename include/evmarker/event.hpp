@@ -9,6 +9,11 @@ namespace evmarker {
 /// Camera time [us].
 using Timestamp = std::int64_t;
 
+/// Time from `from` to a later `to` [us], right for any two times.
+constexpr std::uint64_t elapsed_us(Timestamp from, Timestamp to) noexcept {
+  return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
+}
+
 /// Width and height of a sensor [px].
 struct SensorSize {
   int width = 0;

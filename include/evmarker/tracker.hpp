@@ -151,20 +151,23 @@ class Tracker {
   }
 
   bool detection_due(Timestamp t) const noexcept {
-    const bool time_passed =
-        t >= next_detection_ || t < last_detection_;  // a step back in time must not stop detection
-    return time_passed && passed_ >= settings_.min_events_per_detection && !registration_pending_;
+    return passed_ >= settings_.min_events_per_detection && !registration_pending_ &&
+           time_for(t, settings_.detection_interval);
   }
 
   bool registration_due(Timestamp t) const noexcept {
-    return registration_pending_ && (t >= last_detection_ + settings_.detection_latency.count() || t < last_detection_);
+    return registration_pending_ && time_for(t, settings_.detection_latency);
+  }
+
+  // So much later than the last look, or before it: a step back in time must not stop the detection.
+  bool time_for(Timestamp t, std::chrono::microseconds wait) const noexcept {
+    return t < last_look_ || elapsed_us(last_look_, t) >= static_cast<std::uint64_t>(wait.count());
   }
 
   // Looks at the frame and keeps what it finds until the registration.
   void detect(Timestamp t) {
     ++statistics_.detections;
-    last_detection_ = t;
-    next_detection_ = t + settings_.detection_interval.count();
+    last_look_ = t;
     passed_ = 0;
     looked_at_ = history_.pushed();
     std::vector<Candidate> seen;
@@ -178,8 +181,7 @@ class Tracker {
     registration_pending_ = !candidates_.empty();
   }
 
-  // Starts a tracker for every confirmed marker that is not tracked yet, with the events since the frame it was found
-  // in.
+  // Starts a tracker for every confirmed marker that is not tracked yet, with the events since it was found.
   void register_detections() {
     registration_pending_ = false;
     for (const auto& [detection, sightings] : candidates_) {
@@ -207,10 +209,13 @@ class Tracker {
   bool tracked(const MarkerDetection& detection) {
     const auto marker = std::ranges::find(markers_, detection.id, &MarkerTracker<Rule>::id);
     if (marker == markers_.end()) return false;
-    const bool silent = marker->estimate().t < detection.t - settings_.detection_interval.count();
+    const Timestamp seen = marker->estimate().t;
+    const bool silent = seen < detection.t && elapsed_us(seen, detection.t) >
+                                                  static_cast<std::uint64_t>(settings_.detection_interval.count());
     if (!silent || same_place(detection, marker->T_camera_marker())) return true;
     deliver(marker->lose());
     markers_.erase(marker);
+    std::erase_if(rivals_, [&](const auto& rival) { return rival.id() == detection.id; });
     return false;
   }
 
@@ -234,8 +239,7 @@ class Tracker {
   std::vector<PoseEstimate> poses_;
   std::vector<Candidate> candidates_;  // found in the last look
   bool registration_pending_ = false;
-  Timestamp last_detection_ = std::numeric_limits<Timestamp>::min();
-  Timestamp next_detection_ = std::numeric_limits<Timestamp>::min();
+  Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t looked_at_ = 0;  // position in the history of the last look
   int passed_ = 0;               // events through the filter since the last look

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -92,7 +93,10 @@ class Verification {
     backward_ = forward;
     backward_.reverse();
     const Timestamp end = window_[window_.size() - 1].t;
-    window_.for_each_reversed([&](const Event& event) { backward_.push(lines(event), end + (end - event.t)); });
+    const auto mirrored = [end](Timestamp t) {  // 2 end - t, also where that does not fit
+      return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
+    };
+    window_.for_each_reversed([&](const Event& event) { backward_.push(lines(event), mirrored(event.t)); });
     return backward_.T_camera_marker();
   }
 
