@@ -6,6 +6,7 @@
 #include <evmarker/io/raw_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <filesystem>
 #include <numbers>
 #include <optional>
 #include <stdexcept>
@@ -19,7 +20,7 @@ using namespace evmarker;
 namespace {
 
 struct Options {
-  std::string recording, camera = "camera.yml", truth, dictionary = "DICT_4X4_50", motion = "handheld";
+  std::string recording, camera, truth, dictionary = "DICT_4X4_50", motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
   double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3;
   SimulatorSettings sensor{.duration_s = 3};
@@ -27,7 +28,7 @@ struct Options {
 
   void add_to(CLI::App& app) {
     app.add_option("recording", recording, "EVT3 RAW file to write")->required();
-    app.add_option("--camera", camera, "calibration to write")->capture_default_str();
+    app.add_option("--camera", camera, "calibration to write; default: beside the recording, ending in .yml");
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
     app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")->capture_default_str();
     app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
@@ -96,7 +97,8 @@ void simulate(const Options& o) {
   std::optional<io::PoseCsvWriter> truth;
   if (!o.truth.empty()) truth.emplace(o.truth);
   Simulator simulator(camera, scene, o.sensor);
-  opencv::save_calibration(o.camera, camera);
+  const auto beside = std::filesystem::path(o.recording).replace_extension(".yml").string();
+  opencv::save_calibration(o.camera.empty() ? beside : o.camera, camera);
   {
     console::ProgressBar progress(o.quiet);
     const auto end = static_cast<std::uint64_t>(o.sensor.duration_s * 1e6);
