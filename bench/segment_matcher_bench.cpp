@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "evmarker/lattice_matcher.hpp"
 #include "evmarker/segment_matcher.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "recording.hpp"
@@ -9,25 +10,24 @@
 using namespace evmarker;
 
 // Search over all segments at the true pose, a pose for each 10 ms of filtered events; only the matching is timed.
-static void match_segments(benchmark::State& state) {
+template <typename Matcher>
+static void match(benchmark::State& state) {
   constexpr Timestamp kPose_us = 10000, kSpan_us = 1000;  // events of the 1 ms about each pose: its edges are there
   const auto& recording = bench::recording();
   const UndistortionTable lines(bench::camera());
   struct Moment {
-    SegmentMatcher matcher;
+    Matcher matcher;
     std::vector<Eigen::Vector2d> m;
   };
   std::vector<Moment> moments;
   std::size_t events = 0;
   for (Timestamp t = kPose_us; t < recording.end(); t += kPose_us) {
-    moments.push_back({SegmentMatcher(recording.model(), bench::camera().focal_length()), {}});
+    moments.push_back({Matcher(recording.model(), bench::camera().focal_length()), {}});
     moments.back().matcher.project(recording.truth(t));
     for (const Event& event : recording.filtered)
       if (event.t >= t - kSpan_us / 2 && event.t < t + kSpan_us / 2) moments.back().m.push_back(lines(event));
     events += moments.back().m.size();
   }
-  if (static_cast<std::int64_t>(recording.model().segments.size()) != state.range(0))
-    return state.SkipWithError("the marker has another number of segments");
   std::size_t matched = 0;
   for (auto _ : state) {
     matched = 0;
@@ -42,4 +42,5 @@ static void match_segments(benchmark::State& state) {
   bench::report_rates(state, events);
   state.counters["matched"] = static_cast<double>(matched) / static_cast<double>(events);
 }
-BENCHMARK(match_segments)->Name("match")->ArgName("segments")->Arg(18)->Unit(benchmark::kMillisecond);
+BENCHMARK(match<SegmentMatcher>)->Name("match/segments:18")->Unit(benchmark::kMillisecond);
+BENCHMARK(match<LatticeMatcher>)->Name("match/lattice")->Unit(benchmark::kMillisecond);

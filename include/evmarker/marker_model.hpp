@@ -22,6 +22,8 @@ struct MarkerSegment {
 struct MarkerModel {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<MarkerSegment> segments;
+  /// Cells along a side of a square code marker, all of whose edges lie on the lines between the cells; 0 if it is none.
+  int cells = 0;
 };
 
 /// The cells inside a code marker's black border: rows from top to bottom, 1 white, 0 black.
@@ -62,7 +64,8 @@ inline MarkerModel make_square_marker(double length) {
   detail::require_marker_length(length);
   const double h = length / 2;
   return {{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}},
-          {{0, 1, {0, -1, 0}}, {1, 2, {-1, 0, 0}}, {2, 3, {0, 1, 0}}, {3, 0, {1, 0, 0}}}};
+          {{0, 1, {0, -1, 0}}, {1, 2, {-1, 0, 0}}, {2, 3, {0, 1, 0}}, {3, 0, {1, 0, 0}}},
+          1};
 }
 
 /// The outline of a black-bordered code marker (ArUco, AprilTag) and every edge between its black and white cells.
@@ -80,6 +83,7 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   };
 
   MarkerModel model;
+  model.cells = cells;
   const auto corner = [&](int row, int column) {
     const double cell = length / cells;
     const Eigen::Vector3d vertex(column * cell - length / 2, length / 2 - row * cell, 0);

@@ -68,6 +68,9 @@ class SegmentMatcher {
     }
     for (std::size_t i = 0; i < segments_.size(); ++i)
       segments_[i] = project(model_.segments[i], T_camera_marker.linear());
+    const double fringe = std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px);
+    box_low_ = low_.array() - fringe;
+    box_high_ = high_.array() + fringe;
     visible_ = true;
     return true;
   }
@@ -78,8 +81,8 @@ class SegmentMatcher {
   MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     if (!visible_) return MatchResult::far;
     const Eigen::Vector2d u = focal_length_ * m;
+    if (!((u - box_low_).minCoeff() > 0 && (box_high_ - u).minCoeff() > 0)) return MatchResult::far;
     const double reach = 3 * settings_.max_distance_px;
-    if (!((u - low_).minCoeff() > -reach && (high_ - u).minCoeff() > -reach)) return MatchResult::far;
 
     constexpr double kNone = std::numeric_limits<double>::infinity();
     double best = kNone, second = kNone, signed_best = 0;
@@ -169,6 +172,7 @@ class SegmentMatcher {
   std::vector<Eigen::Vector3d> vertices_;  // camera frame [m]
   std::vector<ProjectedSegment> segments_;
   Eigen::Vector2d low_{0, 0}, high_{0, 0};
+  Eigen::Vector2d box_low_{0, 0}, box_high_{0, 0};  // no event outside is near a segment
   bool visible_ = false;
 };
 

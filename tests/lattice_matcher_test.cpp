@@ -1,0 +1,174 @@
+#include "evmarker/lattice_matcher.hpp"
+
+#include <doctest/doctest.h>
+
+#include <limits>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "evmarker/camera.hpp"
+#include "evmarker/undistortion_table.hpp"
+
+using Eigen::Isometry3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using evmarker::CodeBits;
+using evmarker::Correspondence;
+using evmarker::LatticeMatcher;
+using evmarker::make_code_marker;
+using evmarker::make_square_marker;
+using evmarker::MarkerModel;
+using evmarker::MatchResult;
+using evmarker::PinholeCamera;
+using evmarker::SegmentMatcher;
+using evmarker::SegmentMatcherSettings;
+using evmarker::UndistortionTable;
+
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+class Random {
+ public:
+  explicit Random(unsigned seed) : engine_(seed) {}
+  double operator()(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
+  int integer(int low, int high) { return std::uniform_int_distribution<int>(low, high)(engine_); }
+
+ private:
+  std::mt19937 engine_;
+};
+
+CodeBits random_bits(Random& random, int size) {
+  CodeBits bits(size, size);
+  for (int i = 0; i < bits.size(); ++i) bits(i / size, i % size) = static_cast<std::uint8_t>(random.integer(0, 1));
+  return bits;
+}
+
+// Somewhere in a cone about the optical axis, tilted and turned; one in eight is seen from behind.
+Isometry3d random_pose(Random& random, double distance, double max_tilt) {
+  const double turn = random(-kPi, kPi), direction = random(-kPi, kPi), tilt = random(0, max_tilt);
+  const double front = random.integer(0, 7) == 0 ? 0 : kPi;
+  Isometry3d T = Isometry3d::Identity();
+  T.linear() = (Eigen::AngleAxisd(tilt, Vector3d(std::cos(direction), std::sin(direction), 0)) *
+                Eigen::AngleAxisd(front, Vector3d::UnitX()) * Eigen::AngleAxisd(turn, Vector3d::UnitZ()))
+                   .toRotationMatrix();
+  T.translation() = distance * Vector3d(random(-0.4, 0.4), random(-0.3, 0.3), 1);
+  return T;
+}
+
+struct Tally {
+  int matched = 0, ambiguous = 0, near = 0, far = 0, on_lattice = 0, disagreements = 0;
+
+  int events() const { return matched + ambiguous + near + far; }
+  void add(MatchResult result) {
+    matched += result == MatchResult::matched;
+    ambiguous += result == MatchResult::ambiguous;
+    near += result == MatchResult::near;
+    far += result == MatchResult::far;
+  }
+};
+
+bool agree(const Correspondence& a, const Correspondence& b) {
+  return a.segment == b.segment && std::abs(a.distance_px - b.distance_px) < 1e-7 &&
+         (a.normal - b.normal).norm() < 1e-9 && a.dark_side_known == b.dark_side_known && (a.M - b.M).norm() == 0 &&
+         (a.E - b.E).norm() < 1e-9 * a.E.norm() && (a.F - b.F).norm() < 1e-9 * a.F.norm() &&
+         (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
+}
+
+void compare(const LatticeMatcher& lattice, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {
+  Correspondence expected, found;
+  const MatchResult result = segments.match(m, expected);
+  tally.add(result);
+  tally.on_lattice += lattice.on_lattice();
+  const bool same = lattice.match(m, found) == result && (result != MatchResult::matched || agree(found, expected));
+  tally.disagreements += !same;
+  if (same || tally.disagreements > 5) return;
+  CAPTURE(result);
+  CAPTURE(lattice.match(m, found));
+  CAPTURE(expected.segment);
+  CAPTURE(found.segment);
+  CAPTURE(expected.distance_px);
+  CAPTURE(found.distance_px);
+  CAPTURE(expected.E.transpose());
+  CAPTURE(found.E.transpose());
+  CHECK_MESSAGE(same, "the matchers disagree");
+}
+
+struct Trial {
+  double distance_low, distance_high, max_tilt;  // [m], [m], [rad]
+  int poses, events;
+  SegmentMatcherSettings settings;
+};
+
+// Events at random pixels, most of them close to a random place of a random edge.
+Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
+  Random random(seed);
+  const UndistortionTable lines(camera);
+  const double focal_length = lines.focal_length();
+  const auto size = lines.sensor_size();
+  Tally tally;
+  for (int i = 0; i < trial.poses; ++i) {
+    const double length = random(0.05, 0.2);
+    const int kind = random.integer(0, 5);
+    const MarkerModel model =
+        kind == 0 ? make_square_marker(length) : make_code_marker(length, random_bits(random, 2 + kind));
+    LatticeMatcher lattice(model, focal_length, trial.settings);
+    SegmentMatcher segments(model, focal_length, trial.settings);
+    const Isometry3d T = random_pose(random, random(trial.distance_low, trial.distance_high), trial.max_tilt);
+    if (lattice.project(T) != segments.project(T)) ++tally.disagreements;
+    for (int k = 0; k < trial.events; ++k) {
+      const auto& edge =
+          model.segments[static_cast<std::size_t>(random.integer(0, static_cast<int>(model.segments.size()) - 1))];
+      const Vector3d from = model.vertices[static_cast<std::size_t>(edge.from)],
+                     to = model.vertices[static_cast<std::size_t>(edge.to)];
+      const double place = random.integer(0, 2) == 0 ? random.integer(0, 1) : random(-0.1, 1.1);  // many at the ends
+      const double spread = random.integer(0, 9) == 0 ? 100 : random.integer(0, 3) == 0 ? 8 : 3;
+      const Vector2d pixel =
+          camera.project(T * (from + place * (to - from))) + Vector2d(random(-spread, spread), random(-spread, spread));
+      const Vector2d rounded(std::round(pixel.x()), std::round(pixel.y()));
+      if (!(rounded.x() >= 0 && rounded.y() >= 0 && rounded.x() < size.width && rounded.y() < size.height)) continue;
+      compare(lattice, segments,
+              lines({static_cast<std::uint16_t>(rounded.x()), static_cast<std::uint16_t>(rounded.y()), true, 0}),
+              tally);
+    }
+  }
+  MESSAGE("events ", tally.events(), ", through the lattice ", tally.on_lattice, ": matched ", tally.matched,
+          ", ambiguous ", tally.ambiguous, ", near ", tally.near, ", far ", tally.far);
+  return tally;
+}
+
+const PinholeCamera kStraight{{640, 480}, 533, 533, 319.5, 239.5};
+const PinholeCamera kDistorted{{640, 480}, 420, 424,
+                               310,        247, evmarker::BrownConradyDistortion{-0.32, 0.11, 0.001, -0.002, -0.02}};
+
+}  // namespace
+
+TEST_CASE("every event is matched as by the search over all segments: near, tilted to 70 degrees, distorted") {
+  for (const PinholeCamera& camera : {kStraight, kDistorted}) {
+    const Tally tally = run(camera, {0.25, 1.0, 70 * kPi / 180, 2500, 100, {}}, 11);
+    CHECK(tally.disagreements == 0);
+    CHECK(tally.events() > 150000);
+    CHECK(tally.on_lattice > 50000);
+    CHECK(tally.on_lattice < tally.events());  // and poses that are left to the search
+    CHECK(tally.matched > 10000);
+    CHECK(tally.ambiguous > 1000);
+    CHECK(tally.near > 10000);
+    CHECK(tally.far > 5000);
+  }
+}
+
+TEST_CASE("every event is matched as by the search over all segments: other margins, distances and ambiguities") {
+  unsigned seed = 20;
+  for (const SegmentMatcherSettings& settings :
+       {SegmentMatcherSettings{.max_distance_px = 1, .end_margin_px = 0, .ambiguity_px = 1},
+        SegmentMatcherSettings{.max_distance_px = 4, .end_margin_px = 3, .ambiguity_px = 0.1},
+        SegmentMatcherSettings{.max_distance_px = 0.5, .end_margin_px = 2, .ambiguity_px = 5},
+        SegmentMatcherSettings{.max_distance_px = 3, .end_margin_px = 0.5, .ambiguity_px = 0}}) {
+    const Tally tally = run(kDistorted, {0.15, 0.8, 75 * kPi / 180, 1000, 100, settings}, ++seed);
+    CHECK(tally.disagreements == 0);
+    CHECK(tally.events() > 50000);
+    CHECK((tally.on_lattice > 0) == (settings.ambiguity_px > 0));
+    CHECK(tally.matched > 1000);
+  }
+}
