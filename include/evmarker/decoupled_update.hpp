@@ -1,7 +1,7 @@
 #pragma once
 // Floor 4. The paper's rule: translation and rotation updates, Eqs. (6) to (12).
 #include <Eigen/Core>
-#include <Eigen/LU>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -58,7 +58,7 @@ class DecoupledUpdate {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
     const Eigen::Vector3d pull = c.F - c.E;                                 // (L - I) E
     const Eigen::Matrix3d L = c.M * (c.M / c.M.squaredNorm()).transpose();  // Eq. (6)
-    A_ += w0 * (Eigen::Matrix3d::Identity() - L - A_);                      // Eq. (8)
+    L_ += w0 * (L - L_);                                                    // Eq. (8): A = I - mean L
     B_ += w0 * (pull - B_);                                                 // Eq. (9) with E for F, see below
     Gamma_ += w0 * (lever.cross(pull) - Gamma_);                            // Eq. (11) with E for F
     lever2_ += w0 * (lever.squaredNorm() - lever2_);
@@ -67,25 +67,27 @@ class DecoupledUpdate {
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
-    Eigen::Matrix3d A_inverse = Eigen::Matrix3d::Zero();
-    bool invertible = false;
-    A_.computeInverseWithCheck(A_inverse, invertible, 1e-9);
+    const Eigen::Matrix3d A = Eigen::Matrix3d::Identity() - L_;
+    const Eigen::Vector3d cofactors = A.col(1).cross(A.col(2));
+    const double determinant = A.col(0).dot(cofactors);
+    const Eigen::Vector3d A_inverse_B = Eigen::Vector3d(B_.dot(cofactors), B_.dot(A.col(2).cross(A.col(0))),
+                                                        B_.dot(A.col(0).cross(A.col(1)))) /
+                                        determinant;  // Cramer's rule
     const double unit2 =
         settings_.torque_length_unit_m ? *settings_.torque_length_unit_m * *settings_.torque_length_unit_m : lever2_;
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
-    const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * (A_inverse * B_);  // Eqs. (7), (10)
-    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain * (Gamma_ / unit2);      // r = lambda_r Gamma
+    const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * A_inverse_B;  // Eqs. (7), (10)
+    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;   // r = lambda_r Gamma
     const Eigen::Vector3d T = T_camera_marker.translation() + dT;
-    const Eigen::Matrix3d R = orthonormalized(so3_exp(r) * T_camera_marker.linear());  // Eq. (12)
-    if (!invertible || !T.allFinite() || !R.allFinite()) return false;
+    if (!(std::abs(determinant) > 1e-9 && std::isfinite(T.sum() + r.squaredNorm()))) return false;
     T_camera_marker.translation() = T;
-    T_camera_marker.linear() = R;
+    T_camera_marker.linear() = rotated(T_camera_marker.linear(), r);  // Eq. (12)
     return true;
   }
 
   void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}  // it knows no velocity
 
-  void reverse() noexcept {  // A and the lever arm are geometry, the same in both directions of time
+  void reverse() noexcept {  // L and the lever arm are geometry, the same in both directions of time
     B_.setZero();
     Gamma_.setZero();
   }
@@ -98,7 +100,7 @@ class DecoupledUpdate {
   double renewed_ = 1;  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.
-  Eigen::Matrix3d A_ = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d L_ = Eigen::Matrix3d::Zero();
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
   double lever2_ = 0;  // running mean of |E - T|^2 [m^2]

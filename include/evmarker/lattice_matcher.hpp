@@ -25,10 +25,12 @@ class LatticeMatcher {
       : segments_(std::move(model), focal_length, settings),
         lattice_(CellLattice::of(segments_.model())),
         focal_length_(focal_length),
-        max_distance_px_(settings.max_distance_px),
-        end_margin_px_(settings.end_margin_px),
-        ambiguity_px_(settings.ambiguity_px) {
-    if (!(ambiguity_px_ > 1e-6))
+        max_distance_(settings.max_distance_px / focal_length),
+        end_margin_(settings.end_margin_px / focal_length),
+        ambiguity_(settings.ambiguity_px / focal_length),
+        match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
+        near_reach_(std::hypot(3 * max_distance_, end_margin_)) {
+    if (!(settings.ambiguity_px > 1e-6))
       lattice_.reset();  // ties, which rounding decides there, would have to be decided alike
   }
 
@@ -48,14 +50,14 @@ class LatticeMatcher {
       return MatchResult::far;
 
     const double x = event.a[0] / event.w, y = event.a[1] / event.w;
-    const double limit_px = max_distance_px_ + ambiguity_px_;
-    const Candidate vertical = edge_on<0>(nearest_integer(x), event, limit_px);
-    const Candidate horizontal = edge_on<1>(nearest_integer(y), event, limit_px);
-    const bool is_vertical = vertical.distance_px < horizontal.distance_px;
+    const double limit = max_distance_ + ambiguity_;
+    const Candidate vertical = edge_on<0>(nearest_integer(x), event, limit);
+    const Candidate horizontal = edge_on<1>(nearest_integer(y), event, limit);
+    const bool is_vertical = vertical.distance < horizontal.distance;
     const auto& [best, other] = is_vertical ? std::pair<const Candidate&, const Candidate&>(vertical, horizontal)
                                             : std::pair<const Candidate&, const Candidate&>(horizontal, vertical);
-    if (!(best.distance_px <= max_distance_px_)) return is_near(x, y, event) ? MatchResult::near : MatchResult::far;
-    if (best.tie || other.distance_px - best.distance_px < ambiguity_px_) return MatchResult::ambiguous;
+    if (!(best.distance <= max_distance_)) return is_near(x, y, event) ? MatchResult::near : MatchResult::far;
+    if (best.tie || other.distance - best.distance < ambiguity_) return MatchResult::ambiguous;
     return is_vertical ? correspond<0>(best, event, correspondence) : correspond<1>(best, event, correspondence);
   }
 
@@ -80,9 +82,9 @@ class LatticeMatcher {
 
   // The edge on one lattice line that has the foot of an event.
   struct Candidate {
-    double distance_px = kNone;
-    double e = 0;            // the line's equation at the event
-    Eigen::Vector2d normal;  // toward larger coordinates, not of unit length
+    double distance = kNone;  // tangent
+    double e = 0;             // the line's equation at the event
+    Eigen::Vector2d normal;   // toward larger coordinates, not of unit length
     double inverse_norm = 0;
     int line = 0;
     const CellLattice::Edge* edge = nullptr;
@@ -100,14 +102,13 @@ class LatticeMatcher {
   // The edge of a line that an event lies beside, if it is not farther than the limit. The line with coordinate k has
   // the equation (row - k row_w) (m; 1) = 0 in the image.
   template <std::size_t coordinate>
-  Candidate edge_on(int line, const Sight& event, double limit_px) const noexcept {
+  Candidate edge_on(int line, const Sight& event, double limit) const noexcept {
     constexpr std::size_t along = 1 - coordinate;
     Candidate c;
     c.line = line;
     c.e = event.a[coordinate] - line * event.w;
     c.normal = row_[coordinate].head<2>() - line * row_w_.head<2>();
     const double norm2 = c.normal.squaredNorm();
-    const double limit = limit_px / focal_length_;
     if (!(c.e * c.e <= limit * limit * norm2)) return c;
 
     // The foot of the event on the line, and the lattice point next to it.
@@ -122,7 +123,7 @@ class LatticeMatcher {
     c.edge = foot < point ? &before : &behind;
     if (before.segment != behind.segment) {  // near the end of an edge
       const double z = h_[coordinate].z() * line + h_[along].z() * point + h0_.z();
-      const double beyond = focal_length_ * (a - point * w), margin = end_margin_px_ * determinant_ * z;
+      const double beyond = a - point * w, margin = end_margin_ * determinant_ * z;
       if (beyond * beyond * norm2 <= margin * margin) {
         c.tie = before.dark != 0 && behind.dark != 0;
         c.edge = before.dark != 0 ? &before : &behind;
@@ -130,17 +131,17 @@ class LatticeMatcher {
     }
     if (c.edge->dark == 0) return c;
     c.inverse_norm = 1 / std::sqrt(norm2);
-    c.distance_px = focal_length_ * std::abs(c.e) * c.inverse_norm;
+    c.distance = std::abs(c.e) * c.inverse_norm;
     return c;
   }
 
   // Whether any edge is within three times the maximal distance.
   bool is_near(double x, double y, const Sight& event) const noexcept {
-    const double reach = 3 * max_distance_px_;
+    const double reach = 3 * max_distance_;
     for (int line = nearest_integer(x - fringe_); line <= nearest_integer(x + fringe_); ++line)
-      if (edge_on<0>(line, event, reach).distance_px < reach) return true;
+      if (edge_on<0>(line, event, reach).distance < reach) return true;
     for (int line = nearest_integer(y - fringe_); line <= nearest_integer(y + fringe_); ++line)
-      if (edge_on<1>(line, event, reach).distance_px < reach) return true;
+      if (edge_on<1>(line, event, reach).distance < reach) return true;
     return false;
   }
 
@@ -202,27 +203,30 @@ class LatticeMatcher {
     if (!(z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum()))) return false;
 
     // w = determinant / z on the marker; its least value where an event may still be near an edge.
-    const double reach = std::hypot(3 * max_distance_px_, end_margin_px_);
-    const double w = determinant_ / z_far - reach / focal_length_ * row_w_.head<2>().norm();
-    // Lattice coordinates change by |row - k row_w| / (f w) in a pixel, most on one of the outermost lines.
+    const double w = determinant_ / z_far - near_reach_ * row_w_.head<2>().lpNorm<1>();
+    // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
     const auto steepest = [&](const Eigen::Vector3d& row) {
       return std::max((row + kFringe * row_w_).head<2>().squaredNorm(),
                       (row - (cells + kFringe) * row_w_).head<2>().squaredNorm());
     };
-    const double cells_per_px = std::sqrt(std::max(steepest(row_[0]), steepest(row_[1]))) / (focal_length_ * w);
-    fringe_ = cells_per_px * reach;
-    const double second_reach = std::hypot(max_distance_px_ + ambiguity_px_, end_margin_px_);
-    return w > 0 && fringe_ < kFringe && cells_per_px * second_reach < 0.5;
+    const double rate = std::sqrt(std::max(steepest(row_[0]), steepest(row_[1]))) / w;
+    fringe_ = rate * near_reach_;
+    return w > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
 
   SegmentMatcher segments_;
   std::optional<CellLattice> lattice_;
-  double focal_length_, max_distance_px_, end_margin_px_, ambiguity_px_;
+  double focal_length_;
+  double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
+  double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
   bool on_lattice_ = false;
-  std::array<Eigen::Vector3d, 2> h_;  // columns of H: the step to the next cell in the camera frame [m]
-  Eigen::Vector3d h0_;                // and the top left corner
-  std::array<Eigen::Vector3d, 2> row_;
-  Eigen::Vector3d row_w_;
+  // Columns of H, homogeneous lattice coordinates to camera frame [m]: the steps to the next cell and the top left
+  // corner.
+  std::array<Eigen::Vector3d, 2> h_{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  Eigen::Vector3d h0_ = Eigen::Vector3d::Zero();
+  // Rows of H^-1, times the determinant of H.
+  std::array<Eigen::Vector3d, 2> row_{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  Eigen::Vector3d row_w_ = Eigen::Vector3d::Zero();
   double determinant_ = 0;
   double fringe_ = 0;  // how far outside of the marker an event may be near an edge [cells]
 };

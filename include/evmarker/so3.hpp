@@ -14,14 +14,27 @@ inline Eigen::Matrix3d skew(const Eigen::Vector3d& a) {
   return m;
 }
 
+namespace detail {
+
+/// sin(angle) / angle and (1 - cos(angle)) / angle^2: Rodrigues' formula is I + first K + second K^2, K = skew(r).
+struct RodriguesCoefficients {
+  double first, second;
+};
+
+inline RodriguesCoefficients rodrigues(double angle2) {
+  // Taylor series below 1e-4 rad^2, where (1 - cos) / angle^2 would cancel; the next terms are under 1e-15.
+  if (angle2 < 1e-4)
+    return {1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42)),
+            0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56))};
+  const double angle = std::sqrt(angle2);
+  return {std::sin(angle) / angle, (1 - std::cos(angle)) / angle2};
+}
+
+}  // namespace detail
+
 /// Rotation matrix of a rotation vector [rad] (Rodrigues' formula, exact to rounding for every angle).
 inline Eigen::Matrix3d so3_exp(const Eigen::Vector3d& r) {
-  const double angle2 = r.squaredNorm();
-  // Taylor series below 1e-4 rad^2, where (1 - cos) / angle^2 would cancel; the next terms are under 1e-15.
-  const bool small = angle2 < 1e-4;
-  const double angle = std::sqrt(angle2);
-  const double a = small ? 1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42)) : std::sin(angle) / angle;
-  const double b = small ? 0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56)) : (1 - std::cos(angle)) / angle2;
+  const auto [a, b] = detail::rodrigues(r.squaredNorm());
   const Eigen::Matrix3d k = skew(r);
   return Eigen::Matrix3d::Identity() + a * k + b * k * k;
 }
@@ -54,6 +67,19 @@ inline double wrap_angle(double angle) { return std::remainder(angle, 2 * std::n
 /// decomposition.
 inline Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& R) {
   return 0.5 * R * (3 * Eigen::Matrix3d::Identity() - R.transpose() * R);
+}
+
+/// `so3_exp(r) * R` for a step of many: rounding errors do not add up. The rotation is made orthonormal before the
+/// turn, not after it, so that who waits for the step does not wait for that.
+inline Eigen::Matrix3d rotated(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
+  const Eigen::Matrix3d S = orthonormalized(R);
+  const auto [a, b] = detail::rodrigues(r.squaredNorm());
+  Eigen::Matrix3d turned;
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d moved = r.cross(S.col(i));
+    turned.col(i) = S.col(i) + a * moved + b * r.cross(moved);
+  }
+  return turned;
 }
 
 }  // namespace evmarker
