@@ -22,6 +22,8 @@ struct MarkerTrackerSettings {
   SegmentMatcherSettings matching{};    ///< the paper's segment matching
   typename Rule::Settings update{};     ///< gains of the update rule
   VerificationSettings verification{};  ///< the paper's backtracking
+  bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
+  double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
   int converging_updates = 50;          ///< the first N updates: verified, but not held against the tracker
   double min_matched_fraction = 0.45;   ///< of the events near the edges; below: it follows something else, lost
   int matched_fraction_events = 500;    ///< about how many events that fraction is averaged over
@@ -43,7 +45,8 @@ class MarkerTracker {
         id_(id),
         lines_(camera),
         follower_(std::move(model), lines_.focal_length(), T_camera_marker,
-                  {settings.events_per_update, settings.matching, settings.update}),
+                  {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
+                   settings.polarity_check_px_s}),
         verification_(follower_, settings.verification) {
     if (settings.converging_updates < 0)
       throw std::invalid_argument("converging_updates is " + std::to_string(settings.converging_updates));
@@ -60,12 +63,13 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
     const Eigen::Vector2d m = lines_(event);
-    const auto [match, updated] = follower_.push(m, event.t);  // a NaN direction is far from everything
+    const auto [match, updated] = follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
     if (match == MatchResult::far) return std::nullopt;
     t_ = event.t;
 
     offered_ = std::min(offered_ + 1, settings_.matched_fraction_events);
-    matched_fraction_ += ((match == MatchResult::near ? 0.0 : 1.0) - matched_fraction_) / offered_;
+    const bool explained = match == MatchResult::matched || match == MatchResult::ambiguous;
+    matched_fraction_ += ((explained ? 1.0 : 0.0) - matched_fraction_) / offered_;
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {

@@ -31,8 +31,8 @@ struct SegmentMatcherSettings {
   double ambiguity_px = 0.2;   ///< the runner-up must be this much farther than the best, or the event is discarded
 };
 
-/// What became of an event.
-enum class MatchResult { matched, ambiguous, near, far };
+/// What became of an event. `contradicting`: on an edge that moves the other way; only who knows the motion can tell.
+enum class MatchResult { matched, ambiguous, contradicting, near, far };
 
 /// Matches events to the nearest segment of a wireframe at one pose. Distances are in undistorted pixels.
 class SegmentMatcher {

@@ -96,7 +96,8 @@ class Verification {
     const auto mirrored = [end](Timestamp t) {  // 2 end - t, also where that does not fit
       return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
     };
-    window_.for_each_reversed([&](const Event& event) { backward_.push(lines(event), mirrored(event.t)); });
+    window_.for_each_reversed(
+        [&](const Event& event) { backward_.push(lines(event), mirrored(event.t), event.p > 0); });
     return backward_.T_camera_marker();
   }
 
