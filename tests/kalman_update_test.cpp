@@ -117,7 +117,7 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
   const auto vector = [&](double scale) {
     return Vector3d(scale * Vector3d(unit(random), unit(random), unit(random)));
   };
-  const KalmanSettings settings;
+  const KalmanSettings settings{.latency_sigma_s = 1e-9, .trail_sigma_px = 1e-9, .covariance_scale = 1};
   const Vector6d sigma0 =
       step(Vector3d::Constant(settings.initial_sigma_t_m), Vector3d::Constant(settings.initial_sigma_r_rad));
   const Matrix6d P0 = sigma0.cwiseAbs2().asDiagonal();
@@ -543,13 +543,16 @@ TEST_CASE("impossible settings are refused with field and value") {
       {"turning_distance_m", &KalmanSettings::turning_distance_m},
       {"velocity_memory_s", &KalmanSettings::velocity_memory_s},
       {"offset_drift_px", &KalmanSettings::offset_drift_px},
+      {"rotation_share", &KalmanSettings::rotation_share},
       {"latency_sigma_s", &KalmanSettings::latency_sigma_s},
+      {"trail_sigma_px", &KalmanSettings::trail_sigma_px},
+      {"covariance_scale", &KalmanSettings::covariance_scale},
       {"initial_sigma_t_m", &KalmanSettings::initial_sigma_t_m},
       {"initial_sigma_r_rad", &KalmanSettings::initial_sigma_r_rad},
       {"initial_sigma_v_m_s", &KalmanSettings::initial_sigma_v_m_s},
       {"initial_sigma_w_rad_s", &KalmanSettings::initial_sigma_w_rad_s},
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px}};
-  static_assert(sizeof(KalmanSettings) == 12 * sizeof(double));  // none is left out
+  static_assert(sizeof(KalmanSettings) == 15 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2.000000"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

@@ -71,6 +71,7 @@ class EdgeFollower {
     ++offered_;
     if (match != MatchResult::matched) return {match, false};
     if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
+    correspondence.t = t;
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.distance_px * correspondence.distance_px;
     if (++matched_ < events_per_update_) return {match, false};

@@ -9,12 +9,14 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/event.hpp"
 #include "evmarker/marker_model.hpp"
 
 namespace evmarker {
 
 /// An event and the point of the model that is assumed to have made it. Points are in the camera frame [m].
 struct Correspondence {
+  Timestamp t = 0;                              ///< of the event [us]
   int segment = 0;                              ///< index into MarkerModel::segments
   double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known

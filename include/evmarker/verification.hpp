@@ -80,10 +80,10 @@ class Verification {
     updates_ = 0;
   }
 
-  /// Whether the error is within the thresholds, or within four times what one has to expect. False for NaN.
+  /// Whether the error is within the thresholds, or within nine times what one has to expect. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
-    return error.translation_px <= std::max(settings_.max_translation_px, 4 * error.expected_px) &&
-           error.rotation_rad <= std::max(settings_.max_rotation_rad, 4 * error.expected_rad);
+    return error.translation_px <= std::max(settings_.max_translation_px, 9 * error.expected_px) &&
+           error.rotation_rad <= std::max(settings_.max_rotation_rad, 9 * error.expected_rad);
   }
 
  private:

@@ -20,6 +20,7 @@
 #include "evmarker/marker_model.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/frame_fit.hpp"
+#include "evmarker/opencv/guessed_image.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/so3.hpp"
 
@@ -74,12 +75,10 @@ class ArucoDetector {
   /// @throws std::invalid_argument if the frame has another size
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     require_size(frame.sensor_size());
-    const cv::Mat pixels(frame.sensor_size().height, frame.sensor_size().width, CV_8U,
-                         const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
-    cv::medianBlur(pixels, median_, 3);
+    image_ = guess_image(frame);
     std::vector<std::vector<cv::Point2f>> candidates;
     std::vector<int> ids;
-    detail::detect_markers(median_, dictionary_, parameters_, candidates, ids);
+    detail::detect_markers(image_, dictionary_, parameters_, candidates, ids);
 
     std::map<MarkerId, Candidate> best;  // ArUco may find the same marker's inner and outer contour
     for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -151,7 +150,7 @@ class ArucoDetector {
     double side = cv::norm(corners[3] - corners[0]);
     for (std::size_t i = 0; i < 3; ++i) side = std::min(side, cv::norm(corners[i + 1] - corners[i]));
     const int half = std::clamp(static_cast<int>(side / (2 * (dictionary_.markerSize + 2))), 1, 5);
-    cv::cornerSubPix(median_, corners, {half, half}, {-1, -1},
+    cv::cornerSubPix(image_, corners, {half, half}, {-1, -1},
                      {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 20, 0.02});
   }
 
@@ -187,9 +186,9 @@ class ArucoDetector {
     const double cell_px =
         camera_.focal_length() * settings_.marker_length / T.translation().z() / static_cast<double>(code.rows() + 2);
     const double reach_px = std::clamp(0.4 * cell_px, 1.5, 4.0);  // not to the next edge of the code
-    const auto fit = fit_to_frame(camera_, median_, wireframe, T, reach_px);
+    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px);
     if (!fit || fit->support < settings_.min_edge_support) return std::nullopt;
-    if (code_agreement(camera_, median_, code, settings_.marker_length, fit->T_camera_marker) < settings_.min_agreement)
+    if (code_agreement(camera_, image_, code, settings_.marker_length, fit->T_camera_marker) < settings_.min_agreement)
       return std::nullopt;
     return fit;
   }
@@ -198,7 +197,7 @@ class ArucoDetector {
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
   cv::aruco::DetectorParameters parameters_;
-  cv::Mat median_;  // kept so that detect() does not allocate it anew
+  cv::Mat image_;  // of the present look
 };
 
 }  // namespace evmarker::opencv

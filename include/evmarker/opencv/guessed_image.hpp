@@ -1,0 +1,97 @@
+#pragma once
+// opencv. The image behind a frame of last polarities, guessed where no edge has passed yet.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <span>
+
+#include "evmarker/polarity_frame.hpp"
+
+namespace evmarker::opencv {
+
+namespace detail {
+
+inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
+
+// Low bits of two times, nearer than half an hour: how much later the first is [us].
+inline float later_us(std::uint32_t a, std::uint32_t b) {
+  constexpr float kAnotherPassage = 20000;  // [us]: two edges that passed at different times tell no direction
+  return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
+}
+
+// Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over some
+// fifteen pixels to each side; one for every block of 4x4 pixels. Averaged along an edge it is the edge's normal, near
+// a corner the motion itself.
+inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, std::span<const std::uint32_t> times) {
+  constexpr int kBlock = 4, kWindow = 8;  // [px], [blocks]
+  const int width = seen.cols;
+  cv::Mat_<cv::Vec2f> motion((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec2f(0, 0));
+  for (int y = 1; y + 1 < seen.rows; ++y)
+    for (int x = 1; x + 1 < width; ++x) {
+      if (seen(y, x) == kUnseen) continue;
+      const auto time = [&](int v, int u) { return times[static_cast<std::size_t>(v * width + u)]; };
+      cv::Vec2f later(0, 0);
+      for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx)
+          if (seen(y + dy, x + dx) != kUnseen)
+            later +=
+                later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
+      const float length = std::hypot(later[0], later[1]);
+      if (length > 0) motion(y / kBlock, x / kBlock) += later / length;
+    }
+  cv::blur(motion, motion, {kWindow, kWindow});
+  for (cv::Vec2f& direction : motion) {
+    const float length = std::hypot(direction[0], direction[1]);
+    direction = length > 1e-3f ? direction / length : cv::Vec2f(0, 0);
+  }
+  return motion;
+}
+
+// Casts a vote for a brightness over the unseen pixels that follow from (x, y) in a direction; near ones count more.
+inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const cv::Vec2f& direction, float brightness,
+                       int reach_px, cv::Mat_<float>& votes) {
+  constexpr float kNear = 5;  // [px]
+  for (int i = 1; i <= reach_px; ++i) {
+    const int u = cvRound(static_cast<float>(x) + static_cast<float>(i) * direction[0]);
+    const int v = cvRound(static_cast<float>(y) + static_cast<float>(i) * direction[1]);
+    if (u < 0 || v < 0 || u >= seen.cols || v >= seen.rows || seen(v, u) != kUnseen) return;
+    votes(v, u) += brightness / (kNear + static_cast<float>(i));
+  }
+}
+
+}  // namespace detail
+
+/// The black-and-white image that the last polarities stand for: 255 bright, 0 dark, 128 unknown. The pixels that an
+/// edge has swept show what it left behind it; ahead of it, where nothing happened yet, it must be the opposite, and
+/// before the place where the edge came from, the same. Which end of the swept strip is which the times tell. So a
+/// marker is seen after a pixel of motion, while the polarities alone show it only when the motion exceeds its largest
+/// plain area.
+inline cv::Mat guess_image(const PolarityFrame& frame) {
+  const SensorSize size = frame.sensor_size();
+  const cv::Mat pixels(size.height, size.width, CV_8U,
+                       const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
+  cv::Mat_<std::uint8_t> seen;
+  cv::medianBlur(pixels, seen, 3);  // what is left of the noise would cast votes, too
+  const cv::Mat_<cv::Vec2f> motion = detail::motion_of_blocks(seen, frame.times());
+  const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters
+  cv::Mat_<float> votes(seen.size(), 0.0f);
+  for (int y = 0; y < seen.rows; ++y)
+    for (int x = 0; x < seen.cols; ++x) {
+      if (seen(y, x) == detail::kUnseen) continue;
+      const cv::Vec2f& direction = motion(y / 4, x / 4);
+      if (direction == cv::Vec2f(0, 0)) continue;
+      const float left_behind = seen(y, x) > detail::kUnseen ? 1.0f : -1.0f;
+      detail::cast_votes(seen, x, y, direction, -left_behind, reach_px, votes);
+      detail::cast_votes(seen, x, y, -direction, left_behind, reach_px, votes);
+    }
+  cv::Mat_<std::uint8_t> image = seen.clone();
+  for (int y = 0; y < seen.rows; ++y)
+    for (int x = 0; x < seen.cols; ++x)
+      if (votes(y, x) != 0) image(y, x) = votes(y, x) > 0 ? PolarityFrame::kOn : PolarityFrame::kOff;
+  cv::medianBlur(image, image, 3);
+  return image;
+}
+
+}  // namespace evmarker::opencv
