@@ -46,13 +46,16 @@ class CellLattice {
 
   /// @param line 0 to cells()
   /// @param cell along the line, -1 to cells(): beyond the ends of the line there is no edge
-  const Edge& edge(int coordinate, int line, int cell) const noexcept {
+  const Edge& edge(Eigen::Index coordinate, int line, int cell) const noexcept {
     return (*edges_)[index(coordinate, line, cell)];
   }
 
  private:
-  std::size_t index(int coordinate, int line, int cell) const noexcept {
-    return static_cast<std::size_t>((coordinate * (cells_ + 1) + line) * (cells_ + 2) + cell + 1);
+  std::size_t index(Eigen::Index coordinate, int line, int cell) const noexcept {
+    return (static_cast<std::size_t>(coordinate) * static_cast<std::size_t>(cells_ + 1) +
+            static_cast<std::size_t>(line)) *
+               static_cast<std::size_t>(cells_ + 2) +
+           static_cast<std::size_t>(cell + 1);
   }
 
   bool add(const MarkerModel& model, std::size_t i, std::vector<Edge>& edges) const {
@@ -60,16 +63,15 @@ class CellLattice {
     const auto from = place(model.vertices[static_cast<std::size_t>(segment.from)]);
     const auto to = place(model.vertices[static_cast<std::size_t>(segment.to)]);
     if (!from || !to || i > INT16_MAX) return false;
-    const int along = (*from)[0] == (*to)[0] ? 1 : 0, across = 1 - along;
-    if ((*from)[static_cast<std::size_t>(across)] != (*to)[static_cast<std::size_t>(across)]) return false;
+    const std::size_t along = (*from)[0] == (*to)[0] ? 1 : 0, across = 1 - along;
+    if ((*from)[across] != (*to)[across]) return false;
     // Lattice y runs down, the marker's up.
     const double dark = across == 0 ? segment.dark_side.x() : -segment.dark_side.y();
     if (std::abs(dark) != segment.dark_side.norm() || dark == 0) return false;
 
-    const auto [begin, end] =
-        std::minmax({(*from)[static_cast<std::size_t>(along)], (*to)[static_cast<std::size_t>(along)]});
+    const auto [begin, end] = std::minmax({(*from)[along], (*to)[along]});
     for (int cell = begin; cell < end; ++cell) {
-      Edge& edge = edges[index(across, (*from)[static_cast<std::size_t>(across)], cell)];
+      Edge& edge = edges[index(static_cast<Eigen::Index>(across), (*from)[across], cell)];
       if (edge.dark != 0) return false;
       edge = {static_cast<std::int16_t>(i), static_cast<std::int16_t>(dark > 0 ? 1 : -1),
               static_cast<std::int16_t>(begin), static_cast<std::int16_t>(end)};

@@ -56,11 +56,11 @@ class DecoupledUpdate {
   void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const double w0 = settings_.averaging_weight;
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
-    const Eigen::Vector3d pull = c.F - c.E;                                 // (L - I) E
-    const Eigen::Matrix3d L = c.M * (c.M / c.M.squaredNorm()).transpose();  // Eq. (6)
-    L_ += w0 * (L - L_);                                                    // Eq. (8): A = I - mean L
-    B_ += w0 * (pull - B_);                                                 // Eq. (9) with E for F, see below
-    Gamma_ += w0 * (lever.cross(pull) - Gamma_);                            // Eq. (11) with E for F
+    const Eigen::Vector3d pull = c.F - c.E;  // (L - I) E
+    const Eigen::Vector3d M_by_MM = c.M / c.M.squaredNorm();
+    for (int i = 0; i < 3; ++i) L_.col(i) += w0 * (M_by_MM(i) * c.M - L_.col(i));  // Eqs. (6), (8): A = I - mean L
+    B_ += w0 * (pull - B_);                                                        // Eq. (9) with E for F, see below
+    Gamma_ += w0 * (lever.cross(pull) - Gamma_);                                   // Eq. (11) with E for F
     lever2_ += w0 * (lever.squaredNorm() - lever2_);
     // The paper writes F where (L - I) F is always zero: nothing would ever move. The averages are not corrected for
     // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/lattice_matcher.hpp"
 #include "evmarker/pose_update.hpp"
-#include "evmarker/segment_matcher.hpp"
 
 namespace evmarker {
 
@@ -88,7 +88,7 @@ class EdgeFollower {
 
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return T_camera_marker_; }
   const Rule& rule() const noexcept { return rule_; }
-  const SegmentMatcher& matcher() const noexcept { return matcher_; }
+  const LatticeMatcher& matcher() const noexcept { return matcher_; }
   const UpdateStatistics& last_update() const noexcept { return last_update_; }
   /// False once the marker is not wholly in front of the camera: nothing will match any more.
   bool in_front() const noexcept { return in_front_; }
@@ -132,7 +132,7 @@ class EdgeFollower {
   }
 
   int events_per_update_;
-  SegmentMatcher matcher_;
+  LatticeMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;
   bool in_front_ = true;

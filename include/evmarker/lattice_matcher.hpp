@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -44,21 +43,36 @@ class LatticeMatcher {
   MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     if (!on_lattice_) return segments_.match(m, correspondence);
     const int cells = lattice_->cells();
-    const Sight event = {m, {value(row_[0], m), value(row_[1], m)}, value(row_w_, m)};
-    if (!(std::min(event.a[0], event.a[1]) > -fringe_ * event.w &&
-          std::max(event.a[0], event.a[1]) < (cells + fringe_) * event.w))
-      return MatchResult::far;
+    const Sight sight = {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
+                         row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
+    const double low = -fringe_ * sight.w, high = (cells + fringe_) * sight.w;
+    if (!(sight.a.x() > low && sight.a.y() > low && sight.a.x() < high && sight.a.y() < high)) return MatchResult::far;
 
-    const double x = event.a[0] / event.w, y = event.a[1] / event.w;
-    const double limit = max_distance_ + ambiguity_;
-    const Candidate vertical = edge_on<0>(nearest_integer(x), event, limit);
-    const Candidate horizontal = edge_on<1>(nearest_integer(y), event, limit);
-    const bool is_vertical = vertical.distance < horizontal.distance;
-    const auto& [best, other] = is_vertical ? std::pair<const Candidate&, const Candidate&>(vertical, horizontal)
-                                            : std::pair<const Candidate&, const Candidate&>(horizontal, vertical);
-    if (!(best.distance <= max_distance_)) return is_near(x, y, event) ? MatchResult::near : MatchResult::far;
-    if (best.tie || other.distance - best.distance < ambiguity_) return MatchResult::ambiguous;
-    return is_vertical ? correspond<0>(best, event, correspondence) : correspond<1>(best, event, correspondence);
+    // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
+    const Eigen::Array2d k = (sight.a / sight.w).max(0.0).min(static_cast<double>(cells)).rint();
+    const Eigen::Array2d e = sight.a - k * sight.w;
+    const Eigen::Array2d normal_x = rows_.col(0) - k * row_w_.x(), normal_y = rows_.col(1) - k * row_w_.y();
+    const Eigen::Array2d norm2 = normal_x.square() + normal_y.square();
+    const Eigen::Array2d e2 = e.square();
+
+    // The nearer of them first, without a branch: which it is cannot be predicted.
+    const Eigen::Index first = e2.y() * norm2.x() < e2.x() * norm2.y(), second = 1 - first;
+    const auto line = [&](Eigen::Index i) -> Line { return {i, k(i), e(i), {normal_x(i), normal_y(i)}, norm2(i)}; };
+    const double limit2 = max_distance_ * max_distance_;
+    if (!(e2(first) <= limit2 * norm2(first))) return near_or_far(sight);
+    const Line best = line(first);
+    const Place place = place_on(best, sight);
+    if (!place.edge) {
+      if (!(e2(second) <= limit2 * norm2(second))) return near_or_far(sight);
+      const Line other = line(second);
+      const Place other_place = place_on(other, sight);
+      if (!other_place.edge) return near_or_far(sight);
+      return other_place.tie ? MatchResult::ambiguous : correspond(other, *other_place.edge, m, correspondence);
+    }
+    const double rival = std::sqrt(e2(first) / norm2(first)) + ambiguity_;
+    if (place.tie || (e2(second) < rival * rival * norm2(second) && place_on(line(second), sight).edge))
+      return MatchResult::ambiguous;
+    return correspond(best, *place.edge, m, correspondence);
   }
 
   const MarkerModel& model() const noexcept { return segments_.model(); }
@@ -70,110 +84,102 @@ class LatticeMatcher {
   bool on_lattice() const noexcept { return on_lattice_; }
 
  private:
-  static constexpr double kNone = std::numeric_limits<double>::infinity();
   static constexpr int kFringe = 2;  // cells around the marker over which the scale of the lattice is bounded
 
-  // An event in homogeneous lattice coordinates: (a, w) = H^-1 (m; 1).
+  // An event and its homogeneous lattice coordinates: (a, w) = H^-1 (m; 1).
   struct Sight {
-    Eigen::Vector2d m;
-    std::array<double, 2> a;
+    Eigen::Array2d a;
     double w;
   };
 
-  // The edge on one lattice line that has the foot of an event.
-  struct Candidate {
-    double distance = kNone;  // tangent
-    double e = 0;             // the line's equation at the event
-    Eigen::Vector2d normal;   // toward larger coordinates, not of unit length
-    double inverse_norm = 0;
-    int line = 0;
-    const CellLattice::Edge* edge = nullptr;
-    bool tie = false;  // two edges of the line, dark on different sides, meet at the foot
+  // A lattice line in the image: its equation's value at the event, and normal toward larger coordinates.
+  struct Line {
+    Eigen::Index coordinate;
+    double k;
+    double e;
+    Eigen::Vector2d normal;  // not of unit length
+    double norm2;
   };
 
-  static double value(const Eigen::Vector3d& row, const Eigen::Vector2d& m) noexcept {
-    return row.x() * m.x() + row.y() * m.y() + row.z();
-  }
-  // Of the lattice lines; NaN gives any.
-  int nearest_integer(double coordinate) const noexcept {
-    return static_cast<int>(std::min(std::max(0.0, coordinate + 0.5), static_cast<double>(lattice_->cells())));
+  // What lies where the event's foot is on a line.
+  struct Place {
+    const CellLattice::Edge* edge = nullptr;  // none: the event is not beside an edge
+    bool tie = false;                         // two edges, dark on different sides, meet there
+  };
+
+  Place place_on(const Line& line, const Sight& sight) const noexcept {
+    const Eigen::Index along = 1 - line.coordinate;
+    // Homogeneous: of m - e / norm2 normal.
+    const double a =
+        line.norm2 * sight.a(along) - line.e * (rows_(along, 0) * line.normal.x() + rows_(along, 1) * line.normal.y());
+    const double w = line.norm2 * sight.w - line.e * (row_w_.x() * line.normal.x() + row_w_.y() * line.normal.y());
+    if (!(w > 0)) return {};  // beyond the horizon
+    const double foot = std::min(std::max(-0.5, a / w), lattice_->cells() + 0.5);
+    const int cell = static_cast<int>(foot + 1) - 1;
+    const CellLattice::Edge& edge = lattice_->edge(line.coordinate, static_cast<int>(line.k), cell);
+    const double past_point = foot - cell;
+    if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
+      return place_at_end(line, a, w, cell + (past_point > 0.5));
+    return {edge.dark != 0 ? &edge : nullptr, false};
   }
 
-  // The edge of a line that an event lies beside, if it is not farther than the limit. The line with coordinate k has
-  // the equation (row - k row_w) (m; 1) = 0 in the image.
-  template <std::size_t coordinate>
-  Candidate edge_on(int line, const Sight& event, double limit) const noexcept {
-    constexpr std::size_t along = 1 - coordinate;
-    Candidate c;
-    c.line = line;
-    c.e = event.a[coordinate] - line * event.w;
-    c.normal = row_[coordinate].head<2>() - line * row_w_.head<2>();
-    const double norm2 = c.normal.squaredNorm();
-    if (!(c.e * c.e <= limit * limit * norm2)) return c;
+  // Near a lattice point, where an edge may end: it reaches beyond its end by the margin.
+  Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
+    const CellLattice::Edge* before = &lattice_->edge(line.coordinate, static_cast<int>(line.k), point - 1);
+    const CellLattice::Edge* behind = before + 1;
+    const auto on = [](const CellLattice::Edge* edge) { return edge->dark != 0 ? edge : nullptr; };
+    if (before->segment == behind->segment) return {on(behind), false};
+    const double z = steps_(2, line.coordinate) * line.k + steps_(2, 1 - line.coordinate) * point + h0_.z();
+    const double beyond = a - point * w, margin = end_margin_ * determinant_ * z;
+    if (!(beyond * beyond <= margin * margin * line.norm2)) return {on(beyond < 0 ? before : behind), false};
+    return {on(before) ? before : on(behind), on(before) && on(behind)};
+  }
 
-    // The foot of the event on the line, and the lattice point next to it.
-    const double q = c.e / norm2;
-    const double a = event.a[along] - q * row_[along].head<2>().dot(c.normal);
-    const double w = event.w - q * row_w_.head<2>().dot(c.normal);
-    if (!(w > 0)) return c;  // beyond the horizon
-    const double foot = a / w;
-    const int point = nearest_integer(foot);
-    const CellLattice::Edge& before = lattice_->edge(coordinate, line, point - 1);
-    const CellLattice::Edge& behind = lattice_->edge(coordinate, line, point);
-    c.edge = foot < point ? &before : &behind;
-    if (before.segment != behind.segment) {  // near the end of an edge
-      const double z = h_[coordinate].z() * line + h_[along].z() * point + h0_.z();
-      const double beyond = a - point * w, margin = end_margin_ * determinant_ * z;
-      if (beyond * beyond * norm2 <= margin * margin) {
-        c.tie = before.dark != 0 && behind.dark != 0;
-        c.edge = before.dark != 0 ? &before : &behind;
+  // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
+  MatchResult near_or_far(const Sight& sight) const noexcept {
+    const double reach2 = 9 * max_distance_ * max_distance_;
+    for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
+      const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
+      const double to = std::min<double>(lattice_->cells(), sight.a(coordinate) / sight.w + fringe_);
+      for (double k = from; k <= to; ++k) {
+        const Eigen::Vector2d normal(rows_(coordinate, 0) - k * row_w_.x(), rows_(coordinate, 1) - k * row_w_.y());
+        const Line line = {coordinate, k, sight.a(coordinate) - k * sight.w, normal, normal.squaredNorm()};
+        if (line.e * line.e < reach2 * line.norm2 && place_on(line, sight).edge) return MatchResult::near;
       }
     }
-    if (c.edge->dark == 0) return c;
-    c.inverse_norm = 1 / std::sqrt(norm2);
-    c.distance = std::abs(c.e) * c.inverse_norm;
-    return c;
-  }
-
-  // Whether any edge is within three times the maximal distance.
-  bool is_near(double x, double y, const Sight& event) const noexcept {
-    const double reach = 3 * max_distance_;
-    for (int line = nearest_integer(x - fringe_); line <= nearest_integer(x + fringe_); ++line)
-      if (edge_on<0>(line, event, reach).distance < reach) return true;
-    for (int line = nearest_integer(y - fringe_); line <= nearest_integer(y + fringe_); ++line)
-      if (edge_on<1>(line, event, reach).distance < reach) return true;
-    return false;
+    return MatchResult::far;
   }
 
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  template <std::size_t coordinate>
-  MatchResult correspond(const Candidate& candidate, const Sight& event, Correspondence& c) const noexcept {
-    const Eigen::Vector3d M(event.m.x(), event.m.y(), 1);
-    const Eigen::Vector3d &D = h_[1 - coordinate], B = h0_ + candidate.line * h_[coordinate];
+  MatchResult correspond(const Line& line, const CellLattice::Edge& edge, const Eigen::Vector2d& m,
+                         Correspondence& c) const noexcept {
+    const Eigen::Vector3d M(m.x(), m.y(), 1);
+    const Eigen::Vector3d D = steps_.col(1 - line.coordinate), B = h0_ + line.k * steps_.col(line.coordinate);
     const double MM = M.squaredNorm(), MD = M.dot(D), DD = D.squaredNorm(), MB = M.dot(B), DB = D.dot(B);
     const double determinant = MM * DD - MD * MD;
     if (!(determinant > 1e-6 * MM * DD)) return MatchResult::near;  // the edge points at the camera: no constraint
-    const CellLattice::Edge& edge = *candidate.edge;
     const double a2 =
         std::clamp((MD * MB - MM * DB) / determinant, static_cast<double>(edge.begin), static_cast<double>(edge.end));
     c.segment = edge.segment;
-    c.distance_px = edge.dark * focal_length_ * candidate.e * candidate.inverse_norm;  // Eq. (1)
-    c.normal = edge.dark * candidate.inverse_norm * candidate.normal;
+    const double toward_dark = edge.dark / std::sqrt(line.norm2);
+    c.distance_px = focal_length_ * toward_dark * line.e;  // Eq. (1)
+    c.normal = {toward_dark * line.normal.x(), toward_dark * line.normal.y()};
     c.dark_side_known = true;
     c.M = M;
     c.E = B + a2 * D;
     c.F = M.dot(c.E) / MM * M;
-    c.gradient << c.normal, -c.normal.dot(c.E.head<2>()) / c.E.z();
-    c.gradient *= focal_length_ / c.E.z();
+    const Eigen::Vector2d& n = c.normal;
+    const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
+    c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * c.E.x() + n.y() * c.E.y())};
     return MatchResult::matched;
   }
 
   // In units of `sign` pixels along the image axes.
   Eigen::Vector2d farthest_corner(double sign) const noexcept {
-    Eigen::Vector2d farthest = Eigen::Vector2d::Constant(-kNone);
+    Eigen::Vector2d farthest = Eigen::Vector2d::Constant(-std::numeric_limits<double>::infinity());
     for (const int x : {0, lattice_->cells()})
       for (const int y : {0, lattice_->cells()}) {
-        const Eigen::Vector3d P = x * h_[0] + y * h_[1] + h0_;
+        const Eigen::Vector3d P = x * steps_.col(0) + y * steps_.col(1) + h0_;
         farthest = farthest.cwiseMax(sign * focal_length_ / P.z() * P.head<2>());
       }
     return farthest;
@@ -184,20 +190,18 @@ class LatticeMatcher {
     const auto& R = T_camera_marker.linear();
     const double cell = lattice_->cell_length_m();
     const int cells = lattice_->cells();
-    h_[0] = cell * R.col(0);
-    h_[1] = -cell * R.col(1);
-    h0_ = T_camera_marker.translation() - 0.5 * cells * (h_[0] + h_[1]);
-    row_[0] = h_[1].cross(h0_);
-    row_[1] = h0_.cross(h_[0]);
-    row_w_ = h_[0].cross(h_[1]);
+    steps_ << cell * R.col(0), -cell * R.col(1);
+    const Eigen::Vector3d h_x = steps_.col(0), h_y = steps_.col(1);
+    h0_ = T_camera_marker.translation() - 0.5 * cells * (h_x + h_y);
+    const Eigen::Vector3d row_x = h_y.cross(h0_);
+    const Eigen::Vector3d row_y = h0_.cross(h_x);
+    row_w_ = h_x.cross(h_y);
     determinant_ = row_w_.dot(h0_);
-    if (determinant_ < 0) {  // seen from behind
-      determinant_ = -determinant_;
-      row_[0] = -row_[0];
-      row_[1] = -row_[1];
-      row_w_ = -row_w_;
-    }
-    const double x = cells * h_[0].z(), y = cells * h_[1].z();
+    const double side = determinant_ < 0 ? -1 : 1;  // seen from behind: all of them negative
+    determinant_ *= side;
+    row_w_ *= side;
+    rows_ << side * row_x.transpose(), side * row_y.transpose();
+    const double x = cells * h_x.z(), y = cells * h_y.z();
     const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
     const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
     if (!(z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum()))) return false;
@@ -205,11 +209,11 @@ class LatticeMatcher {
     // w = determinant / z on the marker; its least value where an event may still be near an edge.
     const double w = determinant_ / z_far - near_reach_ * row_w_.head<2>().lpNorm<1>();
     // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
-    const auto steepest = [&](const Eigen::Vector3d& row) {
-      return std::max((row + kFringe * row_w_).head<2>().squaredNorm(),
-                      (row - (cells + kFringe) * row_w_).head<2>().squaredNorm());
+    const auto steepest = [&](double k) {
+      return ((rows_.col(0) - k * row_w_.x()).square() + (rows_.col(1) - k * row_w_.y()).square()).maxCoeff();
     };
-    const double rate = std::sqrt(std::max(steepest(row_[0]), steepest(row_[1]))) / w;
+    const double rate = std::sqrt(std::max(steepest(-kFringe), steepest(cells + kFringe))) / w;
+    end_margin_cells_ = rate * end_margin_;
     fringe_ = rate * near_reach_;
     return w > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
@@ -222,13 +226,14 @@ class LatticeMatcher {
   bool on_lattice_ = false;
   // Columns of H, homogeneous lattice coordinates to camera frame [m]: the steps to the next cell and the top left
   // corner.
-  std::array<Eigen::Vector3d, 2> h_{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
-  Eigen::Vector3d h0_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix<double, 3, 2> steps_ = Eigen::Matrix<double, 3, 2>::Zero();
+  Eigen::Vector3d h0_{0, 0, 0};
   // Rows of H^-1, times the determinant of H.
-  std::array<Eigen::Vector3d, 2> row_{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
-  Eigen::Vector3d row_w_ = Eigen::Vector3d::Zero();
+  Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
+  Eigen::Vector3d row_w_{0, 0, 0};
   double determinant_ = 0;
-  double fringe_ = 0;  // how far outside of the marker an event may be near an edge [cells]
+  double end_margin_cells_ = 0;  // at most
+  double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
 };
 
 }  // namespace evmarker
