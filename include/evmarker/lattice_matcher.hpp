@@ -40,8 +40,8 @@ class LatticeMatcher {
   }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
-  MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) return segments_.match(m, correspondence);
+  [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
+    if (!on_lattice_) return search(m, correspondence);
     const int cells = lattice_->cells();
     const Sight sight = {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
                          row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
@@ -101,13 +101,20 @@ class LatticeMatcher {
     double norm2;
   };
 
+  MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
+    Correspondence found;  // not the caller's: that one need not be in memory
+    const MatchResult result = segments_.match(m, found);
+    if (result == MatchResult::matched) correspondence = found;
+    return result;
+  }
+
   // What lies where the event's foot is on a line.
   struct Place {
     const CellLattice::Edge* edge = nullptr;  // none: the event is not beside an edge
     bool tie = false;                         // two edges, dark on different sides, meet there
   };
 
-  Place place_on(const Line& line, const Sight& sight) const noexcept {
+  [[gnu::always_inline]] Place place_on(const Line& line, const Sight& sight) const noexcept {
     const Eigen::Index along = 1 - line.coordinate;
     // Homogeneous: of m - e / norm2 normal.
     const double a =
@@ -124,7 +131,7 @@ class LatticeMatcher {
   }
 
   // Near a lattice point, where an edge may end: it reaches beyond its end by the margin.
-  Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
+  [[gnu::noinline]] Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
     const CellLattice::Edge* before = &lattice_->edge(line.coordinate, static_cast<int>(line.k), point - 1);
     const CellLattice::Edge* behind = before + 1;
     const auto on = [](const CellLattice::Edge* edge) { return edge->dark != 0 ? edge : nullptr; };
@@ -136,7 +143,7 @@ class LatticeMatcher {
   }
 
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
-  MatchResult near_or_far(const Sight& sight) const noexcept {
+  [[gnu::noinline]] MatchResult near_or_far(const Sight& sight) const noexcept {
     const double reach2 = 9 * max_distance_ * max_distance_;
     for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
@@ -151,8 +158,8 @@ class LatticeMatcher {
   }
 
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  MatchResult correspond(const Line& line, const CellLattice::Edge& edge, const Eigen::Vector2d& m,
-                         Correspondence& c) const noexcept {
+  [[gnu::always_inline]] MatchResult correspond(const Line& line, const CellLattice::Edge& edge,
+                                                const Eigen::Vector2d& m, Correspondence& c) const noexcept {
     const Eigen::Vector3d M(m.x(), m.y(), 1);
     const Eigen::Vector3d D = steps_.col(1 - line.coordinate), B = h0_ + line.k * steps_.col(line.coordinate);
     const double MM = M.squaredNorm(), MD = M.dot(D), DD = D.squaredNorm(), MB = M.dot(B), DB = D.dot(B);
@@ -206,16 +213,25 @@ class LatticeMatcher {
     const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
     if (!(z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum()))) return false;
 
-    // w = determinant / z on the marker; its least value where an event may still be near an edge.
-    const double w = determinant_ / z_far - near_reach_ * row_w_.head<2>().lpNorm<1>();
+    // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
+    const double w = determinant_ - near_reach_ * z_far * row_w_.head<2>().lpNorm<1>();
     // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
     const auto steepest = [&](double k) {
       return ((rows_.col(0) - k * row_w_.x()).square() + (rows_.col(1) - k * row_w_.y()).square()).maxCoeff();
     };
-    const double rate = std::sqrt(std::max(steepest(-kFringe), steepest(cells + kFringe))) / w;
-    end_margin_cells_ = rate * end_margin_;
+    const double squared = z_far * z_far * std::max(steepest(-kFringe), steepest(cells + kFringe));
+    // The bound leaves room for small motions, so that it need not be computed, with a root and a division, every time.
+    const double squared_bound = rate_ * rate_ * w * w;
+    if (!(w > 0 && squared <= squared_bound && squared_bound <= 1.3 * squared))
+      bound_rate(1.05 * std::sqrt(squared) / w);
+    return fits_;
+  }
+
+  void bound_rate(double rate) noexcept {
+    rate_ = rate;
     fringe_ = rate * near_reach_;
-    return w > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
+    end_margin_cells_ = rate * end_margin_;
+    fits_ = rate > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
 
   SegmentMatcher segments_;
@@ -232,6 +248,8 @@ class LatticeMatcher {
   Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
   Eigen::Vector3d row_w_{0, 0, 0};
   double determinant_ = 0;
+  double rate_ = 0;              // at most so many cells in a unit of the tangent
+  bool fits_ = false;            // so that two lines are enough for an event
   double end_margin_cells_ = 0;  // at most
   double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
 };

@@ -47,7 +47,8 @@ class MarkerTracker {
         follower_(std::move(model), lines_.focal_length(), T_camera_marker,
                   {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
                    settings.polarity_check_px_s}),
-        verification_(follower_, settings.verification) {
+        verification_(follower_, settings.verification),
+        centre_(centre_of(follower_.matcher().model())) {
     if (settings.converging_updates < 0)
       throw std::invalid_argument("converging_updates is " + std::to_string(settings.converging_updates));
     if (!(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1))
@@ -84,7 +85,7 @@ class MarkerTracker {
     }
     if (!updated) return std::nullopt;
     if (!follower_.in_front() || out_of_image()) return lose();
-    return estimate();
+    return update_estimate();
   }
 
   /// The present estimate: of the last update, or the start.
@@ -117,12 +118,30 @@ class MarkerTracker {
 
  private:
   PoseEstimate describe(const Eigen::Isometry3d& T_camera_marker, const Rule& rule, Timestamp t) const noexcept {
-    PoseEstimate pose{id_, t, T_camera_marker, rule.information(), rule.twist(), std::nullopt, quality_};
+    PoseEstimate pose;
+    describe(T_camera_marker, rule, t, pose);
+    return pose;
+  }
+
+  // Written where it is returned: at a pose for every event, copying it would cost as much as the matching.
+  std::optional<PoseEstimate> update_estimate() const noexcept {
+    std::optional<PoseEstimate> pose(std::in_place);
+    describe(follower_.T_camera_marker(), follower_.rule(), t_, *pose);
+    return pose;
+  }
+
+  void describe(const Eigen::Isometry3d& T_camera_marker, const Rule& rule, Timestamp t,
+                PoseEstimate& pose) const noexcept {
+    pose.id = id_;
+    pose.t = t;
+    pose.T_camera_marker = T_camera_marker;
+    pose.information = rule.information();
+    pose.twist = rule.twist();
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
+    pose.quality = quality_;
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
-    return pose;
   }
 
   void add_misfit(const UpdateStatistics& update) noexcept {
@@ -148,9 +167,18 @@ class MarkerTracker {
 
   // With less than half of the marker left in the image, no more events will come to tell where it went.
   bool out_of_image() const noexcept {
-    const Eigen::Vector2d centre =
-        (follower_.matcher().low() + follower_.matcher().high()) / (2 * lines_.focal_length());
-    return (centre.array() < lines_.low().array()).any() || (centre.array() > lines_.high().array()).any();
+    const Eigen::Vector3d centre = follower_.T_camera_marker() * centre_;
+    const Eigen::Vector2d low = centre.z() * lines_.low(), high = centre.z() * lines_.high();
+    return centre.x() < low.x() || centre.y() < low.y() || centre.x() > high.x() || centre.y() > high.y();
+  }
+
+  static Eigen::Vector3d centre_of(const MarkerModel& model) noexcept {
+    Eigen::Vector3d low = model.vertices.front(), high = low;
+    for (const Eigen::Vector3d& vertex : model.vertices) {
+      low = low.cwiseMin(vertex);
+      high = high.cwiseMax(vertex);
+    }
+    return (low + high) / 2;
   }
 
   Settings settings_;
@@ -158,6 +186,7 @@ class MarkerTracker {
   UndistortionTable lines_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
+  Eigen::Vector3d centre_;  // of the model's bounding box, marker frame [m]
   TrackingQuality quality_;
   Timestamp t_ = 0;
   int updates_ = 0;
