@@ -57,7 +57,7 @@ class DecoupledUpdate {
     const double w0 = settings_.averaging_weight;
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
     const Eigen::Vector3d pull = c.F - c.E;  // (L - I) E
-    const Eigen::Vector3d M_by_MM = c.M / c.M.squaredNorm();
+    const Eigen::Vector3d M_by_MM = 1 / c.M.squaredNorm() * c.M;
     for (int i = 0; i < 3; ++i) L_.col(i) += w0 * (M_by_MM(i) * c.M - L_.col(i));  // Eqs. (6), (8): A = I - mean L
     B_ += w0 * (pull - B_);                                                        // Eq. (9) with E for F, see below
     Gamma_ += w0 * (lever.cross(pull) - Gamma_);                                   // Eq. (11) with E for F

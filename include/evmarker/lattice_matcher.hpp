@@ -45,8 +45,9 @@ class LatticeMatcher {
     const int cells = lattice_->cells();
     const Sight sight = {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
                          row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
-    const double low = -fringe_ * sight.w, high = (cells + fringe_) * sight.w;
-    if (!(sight.a.x() > low && sight.a.y() > low && sight.a.x() < high && sight.a.y() < high)) return MatchResult::far;
+    // How far the event is outside of the marker, the farther of both coordinates.
+    const Eigen::Array2d outside = (-sight.a).max(sight.a - cells * sight.w);
+    if (!(std::max(outside.x(), outside.y()) < fringe_ * sight.w)) return MatchResult::far;
 
     // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
     const Eigen::Array2d k = (sight.a / sight.w).max(0.0).min(static_cast<double>(cells)).rint();
@@ -67,12 +68,14 @@ class LatticeMatcher {
       const Line other = line(second);
       const Place other_place = place_on(other, sight);
       if (!other_place.edge) return near_or_far(sight);
-      return other_place.tie ? MatchResult::ambiguous : correspond(other, *other_place.edge, m, correspondence);
+      return other_place.tie ? MatchResult::ambiguous
+                             : correspond(other, 1 / std::sqrt(other.norm2), *other_place.edge, m, correspondence);
     }
-    const double rival = std::sqrt(e2(first) / norm2(first)) + ambiguity_;
+    const double inverse_norm = 1 / std::sqrt(best.norm2);
+    const double rival = std::abs(best.e) * inverse_norm + ambiguity_;
     if (place.tie || (e2(second) < rival * rival * norm2(second) && place_on(line(second), sight).edge))
       return MatchResult::ambiguous;
-    return correspond(best, *place.edge, m, correspondence);
+    return correspond(best, inverse_norm, *place.edge, m, correspondence);
   }
 
   const MarkerModel& model() const noexcept { return segments_.model(); }
@@ -158,7 +161,7 @@ class LatticeMatcher {
   }
 
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  [[gnu::always_inline]] MatchResult correspond(const Line& line, const CellLattice::Edge& edge,
+  [[gnu::always_inline]] MatchResult correspond(const Line& line, double inverse_norm, const CellLattice::Edge& edge,
                                                 const Eigen::Vector2d& m, Correspondence& c) const noexcept {
     const Eigen::Vector3d M(m.x(), m.y(), 1);
     const Eigen::Vector3d D = steps_.col(1 - line.coordinate), B = h0_ + line.k * steps_.col(line.coordinate);
@@ -168,7 +171,7 @@ class LatticeMatcher {
     const double a2 =
         std::clamp((MD * MB - MM * DB) / determinant, static_cast<double>(edge.begin), static_cast<double>(edge.end));
     c.segment = edge.segment;
-    const double toward_dark = edge.dark / std::sqrt(line.norm2);
+    const double toward_dark = edge.dark * inverse_norm;
     c.distance_px = focal_length_ * toward_dark * line.e;  // Eq. (1)
     c.normal = {toward_dark * line.normal.x(), toward_dark * line.normal.y()};
     c.dark_side_known = true;
