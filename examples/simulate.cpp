@@ -4,7 +4,8 @@
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/io/raw_writer.hpp>
-#include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/opencv/aruco_shim.hpp>
+#include <evmarker/opencv/board.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <filesystem>
 #include <numbers>
@@ -20,7 +21,7 @@ using namespace evmarker;
 namespace {
 
 struct Options {
-  std::string recording, camera, truth, dictionary = "DICT_4X4_50", motion = "handheld";
+  std::string recording, camera, truth, board, dictionary = "DICT_4X4_50", motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
   double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3;
   SimulatorSettings sensor{.duration_s = 3};
@@ -31,7 +32,10 @@ struct Options {
     app.add_option("--camera", camera, "calibration to write; default: beside the recording, ending in .yml");
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
     app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")->capture_default_str();
-    app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
+    CLI::Option* side_by_side =
+        app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
+    app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
+        ->excludes(side_by_side);
     app.add_option("--marker-length", marker_length, "side of the black square [m]")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -63,9 +67,15 @@ void require_in_front(const Options& o) {
                                 std::to_string(o.distance_m) + " m away (--distance)");
 }
 
-Trajectory make_motion(const Options& o, std::size_t place) {
+// What is tracked as one: a marker or a board.
+struct Target {
+  MarkerId id;
+  Trajectory motion;
+};
+
+Trajectory make_motion(const Options& o, std::size_t place, std::size_t places) {
   const double spacing = 1.6 * o.marker_length;
-  const double x = (static_cast<double>(place) - 0.5 * (static_cast<double>(o.ids.size()) - 1)) * spacing;
+  const double x = (static_cast<double>(place) - 0.5 * (static_cast<double>(places) - 1)) * spacing;
   const Eigen::Isometry3d centre = facing_pose({x, 0, o.distance_m});
   const Trajectory sway = trajectory::handheld({.T_center = centre,
                                                 .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
@@ -79,20 +89,33 @@ Trajectory make_motion(const Options& o, std::size_t place) {
   return o.motion == "stop-and-go" ? trajectory::stop_and_go(sway, 0.5, 0.5) : sway;
 }
 
-void simulate(const Options& o) {
-  require_in_front(o);
-  const SensorSize size{o.size[0], o.size[1]};
-  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
-  const opencv::ArucoDetector markers(camera, {.dictionary = o.dictionary, .marker_length = o.marker_length});
+std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>& targets) {
+  const cv::aruco::Dictionary dictionary = opencv::make_dictionary(o.dictionary);
   std::vector<SimulatedMarker> scene;
   for (std::size_t i = 0; i < o.ids.size(); ++i) {
     if (std::ranges::count(o.ids, o.ids[i]) > 1)
       throw std::invalid_argument("--ids: " + std::to_string(o.ids[i]) + " is there twice");
+    targets.push_back({o.ids[i], make_motion(o, i, o.ids.size())});
     scene.push_back({.id = o.ids[i],
                      .length = o.marker_length,
-                     .bits = markers.bits(o.ids[i]),
-                     .T_camera_marker = make_motion(o, i)});
+                     .bits = opencv::marker_bits(dictionary, o.ids[i], o.dictionary),
+                     .T_camera_marker = targets.back().motion});
   }
+  return scene;
+}
+
+std::vector<SimulatedMarker> make_board(const Options& o, std::vector<Target>& targets) {
+  const Board board = opencv::load_board(o.board, o.dictionary);
+  targets.push_back({board.id, make_motion(o, 0, 1)});
+  return simulated_markers(board, targets.back().motion);
+}
+
+void simulate(const Options& o) {
+  require_in_front(o);
+  const SensorSize size{o.size[0], o.size[1]};
+  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  std::vector<Target> targets;
+  const std::vector<SimulatedMarker> scene = o.board.empty() ? make_markers(o, targets) : make_board(o, targets);
   io::RawWriter recording(o.recording, size);
   std::optional<io::PoseCsvWriter> truth;
   if (!o.truth.empty()) truth.emplace(o.truth);
@@ -109,17 +132,17 @@ void simulate(const Options& o) {
   }
   if (truth) {
     for (Timestamp t = 0; t <= static_cast<Timestamp>(o.sensor.duration_s * 1e6); t += 1000)
-      for (std::size_t i = 0; i < scene.size(); ++i)
-        truth->write({.id = o.ids[i],
+      for (const auto& [id, motion] : targets)
+        truth->write({.id = id,
                       .t = t,
-                      .T_camera_marker = simulator.T_camera_marker(i, t),
+                      .T_camera_marker = motion(1e-6 * static_cast<double>(t)),
                       .quality = {.state = TrackingState::tracking}});
     truth->close();
   }
   recording.close();
   std::printf("%s: %llu events, up to %.0f px/s, markers of about %.0f px\n", o.recording.c_str(),
               static_cast<unsigned long long>(recording.events_written()), simulator.peak_speed_px_per_s(),
-              o.focal_px * o.marker_length / o.distance_m);
+              o.focal_px * scene.front().length / o.distance_m);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <optional>
+#include <vector>
 
 #include "console.hpp"
 #include "recording_checks.hpp"
@@ -20,7 +21,8 @@ namespace {
 template <PoseUpdateRule Rule>
 void track(const TrackOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
-  opencv::ArucoDetector detector(camera, options.detector());
+  const std::vector<Board> boards = options.load_boards();
+  BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
   recording_checks::require_size(recording, options.recording, camera.sensor_size(), options.camera);
   std::optional<io::GroundTruth> truth;

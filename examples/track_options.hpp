@@ -4,6 +4,8 @@
 #include <chrono>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/opencv/board.hpp>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -12,6 +14,7 @@
 struct TrackOptions {
   std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output, truth, overlay;
   double marker_length = 0;
+  std::vector<std::string> boards;
   std::vector<int> ids;
   int events_per_update = 100;
   int filter_window_us = 2000;
@@ -23,9 +26,9 @@ struct TrackOptions {
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->capture_default_str();
-    app.add_option("--marker-length", marker_length, "side of the black square [m]")
-        ->required()
+    app.add_option("--marker-length", marker_length, "side of the black square [m]; not needed to track boards alone")
         ->check(console::positive_number());
+    app.add_option("--board", boards, "board of markers to track as one, a YAML file; may be given again");
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update,
                    "update rule: kalman, decoupled (the paper's, tuned) or paper (with its own numbers)")
@@ -49,7 +52,22 @@ struct TrackOptions {
             .marker = {.events_per_update = events_per_update, .update = rule}};
   }
 
-  evmarker::opencv::ArucoDetectorSettings detector() const {
-    return {.dictionary = dictionary, .marker_length = marker_length, .ids = ids};
+  std::vector<evmarker::Board> load_boards() const {
+    std::vector<evmarker::Board> loaded;
+    for (const std::string& path : boards) loaded.push_back(evmarker::opencv::load_board(path, dictionary));
+    return loaded;
+  }
+
+  /// Looks for the markers of all boards, and for others only if their length is known.
+  evmarker::opencv::ArucoDetectorSettings detector(const std::vector<evmarker::Board>& loaded) const {
+    if (marker_length == 0 && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
+    if (marker_length == 0 && !ids.empty())
+      throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");
+    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = dictionary, .ids = ids};
+    settings.marker_length = marker_length > 0 ? marker_length : loaded[0].markers[0].length;
+    if (marker_length > 0 && ids.empty()) return settings;
+    for (const evmarker::Board& board : loaded)
+      for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
+    return settings;
   }
 };

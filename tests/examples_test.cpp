@@ -39,6 +39,12 @@ const std::string kOptions = " --camera camera.yml --marker-length 0.10";
 const char* const kPoseHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
 
+const char* const kBoard = R"(board: 100
+markers:
+  - { id: 1, length: 0.05, rotation: [0, 0, 0], translation: [-0.04, 0, 0] }
+  - { id: 2, length: 0.05, rotation: [0, 0, 0], translation: [0.04, 0, 0] }
+)";
+
 struct Result {
   int code = -1;
   std::string out, err;
@@ -200,6 +206,32 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
   CHECK_FALSE(std::filesystem::exists(folder / "overlay.png.part"));
 }
 
+TEST_CASE("examples: a board of markers is simulated and tracked as one") {
+  const TemporaryFolder folder;
+  write_file(folder / "board.yml", kBoard);
+  const Result made =
+      run(folder, "simulate b.raw --board board.yml --truth truth.csv --distance 0.4 --duration 0.4 --noise 0.3");
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  const Result tracked = run(folder, "track_file b.raw --camera b.yml --board board.yml --output poses.csv");
+  REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
+  CHECK(tracked.err.empty());
+  CHECK_MESSAGE(contains(tracked.out, "marker 100 "), tracked.out);
+  const auto poses = read_table(read_file(folder / "poses.csv")), truth = read_table(read_file(folder / "truth.csv"));
+  REQUIRE(truth.size() == 401);
+  for (const Row& row : truth) CHECK(row.id == "100");
+  for (const Row& pose : poses) CHECK(pose.id == "100");
+  const MeanError error = mean_tracking_error(poses, truth);
+  REQUIRE(error.poses > 500);
+  CHECK(error.mm < 0.5);
+  CHECK(error.deg < 0.5);
+
+  // With a length other markers are looked for too; there are none.
+  const Result both =
+      run(folder, "track_file b.raw --camera b.yml --board board.yml --marker-length 0.1 --output both.csv");
+  REQUIRE_MESSAGE(both.code == 0, both.err);
+  for (const Row& pose : read_table(read_file(folder / "both.csv"))) CHECK(pose.id == "100");
+}
+
 TEST_CASE("examples: quickstart's pose agrees with the truth that it prints") {
   const TemporaryFolder folder;
   const Result result = run(folder, "quickstart");
@@ -301,6 +333,20 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --overlay o.xyz", {"o.xyz", ".png"}},
       {track + " --overlay o", {"o: ", ".png"}},
       {"track_file recording.raw --marker-length 0.10", {"--camera", "required"}},
+      {"track_file recording.raw --camera camera.yml", {"--marker-length", "required"}},
+      {track + " --board missing.yml", {"board missing.yml", "No such file"}},
+      {track + " --board b.yml",
+       {"board b.yml", "markers[0] length", "wide"},
+       "b.yml",
+       replaced(kBoard, "0.05", "wide")},
+      {track + " --board b.yml", {"board b.yml", "marker 1", "twice"}, "b.yml", replaced(kBoard, "id: 2", "id: 1")},
+      {track + " --board b.yml --board b.yml", {"board 100", "twice"}, "b.yml", kBoard},
+      {"track_file recording.raw --camera camera.yml --board b.yml --ids 7",
+       {"--ids", "--marker-length"},
+       "b.yml",
+       kBoard},
+      {simulate + " --board b.yml", {"board b.yml", "translation"}, "b.yml", replaced(kBoard, "translation", "place")},
+      {simulate + " --board b.yml --ids 3", {"--board", "--ids"}, "b.yml", kBoard},
       {"evaluate missing.csv --truth truth.csv", {"missing.csv", "No such file"}},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "no poses"}, "p.csv", std::string(kPoseHeader) + "\n"},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "marker_id"}, "p.csv", "t_us,tx\n1,2\n"},

@@ -74,6 +74,7 @@ void check_against_print(const MarkerModel& model, const Print& print) {
     const Vector3d along = end(model, s) - start(model, s);
     CHECK(s.dark_side.norm() == doctest::Approx(1));
     CHECK(std::abs(s.dark_side.dot(along)) < 1e-15);
+    CHECK(s.face_normal == Vector3d::UnitZ());
     CHECK(along.z() == 0);
     const int steps = static_cast<int>(std::lround(along.norm() / cell));
     REQUIRE(steps >= 1);
@@ -259,5 +260,7 @@ TEST_CASE("a wireframe that cannot be tracked is refused with what is wrong") {
   CHECK(message([](MarkerModel& m) { m.vertices[3].y() = std::nan(""); }) == "marker model: vertex 3 is not finite");
   CHECK(message([](MarkerModel& m) { m.segments[3].dark_side.x() = std::nan(""); }) ==
         "marker model: segment 3: dark side is not finite");
+  CHECK(message([](MarkerModel& m) { m.segments[3].face_normal.z() = std::nan(""); }) ==
+        "marker model: segment 3: face normal is not finite");
   CHECK(message([](MarkerModel& m) { m.segments[3].dark_side.setZero(); }) == "accepted");  // not known
 }

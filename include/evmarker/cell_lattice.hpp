@@ -63,6 +63,8 @@ class CellLattice {
     const auto from = place(model.vertices[static_cast<std::size_t>(segment.from)]);
     const auto to = place(model.vertices[static_cast<std::size_t>(segment.to)]);
     if (!from || !to || i > INT16_MAX) return false;
+    const Eigen::Vector3d& normal = segment.face_normal;
+    if (normal.x() != 0 || normal.y() != 0 || normal.z() < 0) return false;  // not what the front shows
     const std::size_t along = (*from)[0] == (*to)[0] ? 1 : 0, across = 1 - along;
     if ((*from)[across] != (*to)[across]) return false;
     // Lattice y runs down, the marker's up.

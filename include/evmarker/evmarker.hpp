@@ -1,6 +1,8 @@
 #pragma once
 // Floor 8. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
 #include "evmarker/accuracy.hpp"
+#include "evmarker/board.hpp"
+#include "evmarker/board_detector.hpp"
 #include "evmarker/camera.hpp"
 #include "evmarker/decoupled_update.hpp"
 #include "evmarker/detection.hpp"

@@ -207,10 +207,8 @@ class LatticeMatcher {
     const Eigen::Vector3d row_y = h0_.cross(h_x);
     row_w_ = h_x.cross(h_y);
     determinant_ = row_w_.dot(h0_);
-    const double side = determinant_ < 0 ? -1 : 1;  // seen from behind: all of them negative
-    determinant_ *= side;
-    row_w_ *= side;
-    rows_ << side * row_x.transpose(), side * row_y.transpose();
+    if (!(determinant_ > 0)) return false;  // seen from behind
+    rows_ << row_x.transpose(), row_y.transpose();
     const double x = cells * h_x.z(), y = cells * h_y.z();
     const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
     const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);

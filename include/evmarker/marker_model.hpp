@@ -10,19 +10,30 @@
 namespace evmarker {
 
 /// One straight edge between two vertices. `dark_side` is the unit vector [marker frame], perpendicular to the edge,
-/// that points into the darker of the two areas it separates; zero where that is not known.
+/// that points into the darker of the two areas it separates; zero where that is not known. `face_normal` points out of
+/// the face that the edge is printed on, which hides it from behind; zero for an edge that is seen from everywhere.
 struct MarkerSegment {
   int from = 0;
   int to = 0;
   Eigen::Vector3d dark_side = Eigen::Vector3d::Zero();
+  Eigen::Vector3d face_normal = Eigen::Vector3d::Zero();
 };
+
+/// Whether an edge is on a side that is turned to the camera, or on none.
+/// @param point any of its points [camera frame]
+/// @param R_camera_marker rotation from the marker to the camera frame
+inline bool faces_camera(const MarkerSegment& segment, const Eigen::Vector3d& point,
+                         const Eigen::Matrix3d& R_camera_marker) noexcept {
+  return segment.face_normal.isZero() || (R_camera_marker * segment.face_normal).dot(point) < 0;
+}
 
 /// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the
 /// marker) and the edges between them.
 struct MarkerModel {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<MarkerSegment> segments;
-  /// Cells along a side of a square code marker, all of whose edges lie on the lines between the cells; 0 if it is none.
+  /// Cells along a side of a square code marker, all of whose edges lie on the lines between the cells; 0 if it is
+  /// none.
   int cells = 0;
 };
 
@@ -47,7 +58,7 @@ inline void validate(const MarkerModel& model) {
       throw std::invalid_argument("marker model: vertex " + std::to_string(i) + " is not finite");
   const auto known = [&](int index) { return index >= 0 && index < static_cast<int>(model.vertices.size()); };
   for (std::size_t i = 0; i < model.segments.size(); ++i) {
-    const auto& [from, to, dark_side] = model.segments[i];
+    const auto& [from, to, dark_side, face_normal] = model.segments[i];
     const std::string name = "marker model: segment " + std::to_string(i);
     if (!known(from) || !known(to))
       throw std::invalid_argument(name + " joins vertices " + std::to_string(from) + " and " + std::to_string(to) +
@@ -55,16 +66,20 @@ inline void validate(const MarkerModel& model) {
     const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
     if (vertex(from) == vertex(to)) throw std::invalid_argument(name + " has no length");
     if (!dark_side.allFinite()) throw std::invalid_argument(name + ": dark side is not finite");
+    if (!face_normal.allFinite()) throw std::invalid_argument(name + ": face normal is not finite");
   }
 }
 
 /// The outline of a dark square of side `length` [m]: four corners from the top left clockwise, four edges, dark
-/// inside.
+/// inside, seen from the front only.
 inline MarkerModel make_square_marker(double length) {
   detail::require_marker_length(length);
   const double h = length / 2;
   return {{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}},
-          {{0, 1, {0, -1, 0}}, {1, 2, {-1, 0, 0}}, {2, 3, {0, 1, 0}}, {3, 0, {1, 0, 0}}},
+          {{0, 1, {0, -1, 0}, Eigen::Vector3d::UnitZ()},
+           {1, 2, {-1, 0, 0}, Eigen::Vector3d::UnitZ()},
+           {2, 3, {0, 1, 0}, Eigen::Vector3d::UnitZ()},
+           {3, 0, {1, 0, 0}, Eigen::Vector3d::UnitZ()}},
           1};
 }
 
@@ -82,6 +97,7 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
     return bits(row - 1, column - 1) != 0;
   };
 
+  const Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   MarkerModel model;
   model.cells = cells;
   const auto corner = [&](int row, int column) {
@@ -104,9 +120,9 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
       for (end = begin + 1; end < cells && dark(end) == side;) ++end;
       if (side == 0) continue;
       if (horizontal)
-        model.segments.push_back({corner(line, begin), corner(line, end), Eigen::Vector3d(0, -side, 0)});
+        model.segments.push_back({corner(line, begin), corner(line, end), Eigen::Vector3d(0, -side, 0), normal});
       else
-        model.segments.push_back({corner(begin, line), corner(end, line), Eigen::Vector3d(side, 0, 0)});
+        model.segments.push_back({corner(begin, line), corner(end, line), Eigen::Vector3d(side, 0, 0), normal});
     }
   };
   for (int line = 0; line <= cells; ++line) {

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. What a simulated camera looks at: markers in motion, a background, things in between.
+// Floor 3. What a simulated camera looks at: markers in motion, a background, things in between.
 #include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/board.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/trajectory.hpp"
@@ -25,6 +26,19 @@ struct SimulatedMarker {
   double black = 0.08;          ///< share of the light that the ink sends back
   double white = 0.85;          ///< and the paper
 };
+
+/// The markers of a board on its way through the scene.
+inline std::vector<SimulatedMarker> simulated_markers(const Board& board, const Trajectory& T_camera_board) {
+  std::vector<SimulatedMarker> markers;
+  for (const BoardMarker& marker : board.markers)
+    markers.push_back({.id = marker.id,
+                       .length = marker.length,
+                       .bits = marker.bits,
+                       .T_camera_marker = [T_camera_board, T_board_marker = marker.T_board_marker](double seconds) {
+                         return T_camera_board(seconds) * T_board_marker;
+                       }});
+  return markers;
+}
 
 /// An opaque upright rectangle in front of everything else.
 struct Occluder {

@@ -55,8 +55,8 @@ class SegmentMatcher {
     vertices_.resize(model_.vertices.size());
   }
 
-  /// Projects the wireframe at a pose. False, and no event matches, while any vertex is not in front of the camera or
-  /// not finite.
+  /// Projects the wireframe at a pose, without the edges on faces that are turned away. False, and no event matches,
+  /// while any vertex is not in front of the camera or not finite, or no edge is to be seen.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     visible_ = false;
     low_.setConstant(std::numeric_limits<double>::infinity());
@@ -68,13 +68,18 @@ class SegmentMatcher {
       low_ = low_.cwiseMin(v);
       high_ = high_.cwiseMax(v);
     }
-    for (std::size_t i = 0; i < segments_.size(); ++i)
-      segments_[i] = project(model_.segments[i], T_camera_marker.linear());
+    count_ = 0;
+    for (std::size_t i = 0; i < model_.segments.size(); ++i) {
+      const MarkerSegment& edge = model_.segments[i];
+      if (!faces_camera(edge, vertices_[static_cast<std::size_t>(edge.from)], T_camera_marker.linear())) continue;
+      segments_[count_] = project(edge, T_camera_marker.linear());
+      segments_[count_++].index = static_cast<int>(i);
+    }
     const double fringe = std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px);
     box_low_ = low_.array() - fringe;
     box_high_ = high_.array() + fringe;
-    visible_ = true;
-    return true;
+    visible_ = count_ > 0;
+    return visible_;
   }
 
   /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `near` means beside some segment and
@@ -89,7 +94,7 @@ class SegmentMatcher {
     constexpr double kNone = std::numeric_limits<double>::infinity();
     double best = kNone, second = kNone, signed_best = 0;
     int nearest = -1;
-    for (std::size_t i = 0; i < segments_.size(); ++i) {
+    for (std::size_t i = 0; i < count_; ++i) {
       const ProjectedSegment& segment = segments_[i];
       const Eigen::Vector2d offset = u - segment.v;
       const double foot = offset.dot(segment.direction);
@@ -108,7 +113,7 @@ class SegmentMatcher {
     if (second - best < settings_.ambiguity_px) return MatchResult::ambiguous;
 
     const ProjectedSegment& segment = segments_[static_cast<std::size_t>(nearest)];
-    correspondence.segment = nearest;
+    correspondence.segment = segment.index;
     correspondence.distance_px = signed_best;
     correspondence.normal = segment.normal;
     correspondence.dark_side_known = segment.dark_side_known;
@@ -133,6 +138,7 @@ class SegmentMatcher {
     Eigen::Vector2d normal;     // unit, toward the dark side
     double half_length;         // [px]
     bool dark_side_known;
+    int index;             // in the model
     Eigen::Vector3d V, S;  // start and extent in the camera frame [m]
   };
 
@@ -171,8 +177,9 @@ class SegmentMatcher {
   MarkerModel model_;
   double focal_length_;
   SegmentMatcherSettings settings_;
-  std::vector<Eigen::Vector3d> vertices_;  // camera frame [m]
-  std::vector<ProjectedSegment> segments_;
+  std::vector<Eigen::Vector3d> vertices_;   // camera frame [m]
+  std::vector<ProjectedSegment> segments_;  // the first `count_` are to be seen
+  std::size_t count_ = 0;
   Eigen::Vector2d low_{0, 0}, high_{0, 0};
   Eigen::Vector2d box_low_{0, 0}, box_high_{0, 0};  // no event outside is near a segment
   bool visible_ = false;

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 5. An event camera that looks at markers on known trajectories: events with their truth.
+// Floor 6. An event camera that looks at markers on known trajectories: events with their truth.
 #include <algorithm>
 #include <bit>
 #include <cmath>

@@ -1,116 +1,21 @@
 #pragma once
 // opencv. Camera calibrations as OpenCV and ROS write them, in YAML, XML or JSON.
 #include <cerrno>
-#include <cmath>
 #include <fstream>
-#include <initializer_list>
 #include <opencv2/core.hpp>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <system_error>
 #include <vector>
 
 #include "evmarker/camera.hpp"
+#include "evmarker/opencv/settings_file.hpp"
 
 namespace evmarker::opencv {
 
 namespace detail {
 
-// A calibration file under reading; every error is one line: file, field, value.
-class CalibrationReader {
- public:
-  explicit CalibrationReader(const std::string& path) : path_(path) {
-    // Read here and not by FileStorage, which prints a message of its own about a file that it cannot open.
-    errno = 0;
-    std::ifstream file(path, std::ios::binary);
-    std::ostringstream content;
-    if (!file || !(content << file.rdbuf()))
-      fail(errno == 0 ? "is empty" : "cannot be read: " + std::generic_category().message(errno));
-    std::string text = content.str();
-    const auto first = text.find_first_not_of(" \t\r\n");
-    if (first == std::string::npos) fail("is empty");
-    // ROS writes plain YAML, OpenCV insists on the directive.
-    if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
-      text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
-    try {
-      storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    } catch (const cv::Exception&) {
-      fail("is neither YAML, XML nor JSON that OpenCV can read");
-    }
-    if (!storage_.isOpened() || !storage_.root().isMap()) fail("is neither YAML, XML nor JSON with named fields");
-  }
-
-  [[noreturn]] void fail(const std::string& reason) const {
-    throw std::runtime_error("calibration " + path_ + ": " + reason);
-  }
-
-  bool has(const std::string& field) const { return !storage_[field].empty(); }
-
-  int positive_integer(const std::string& field) const {
-    const double value = number(required(field), field);
-    if (!(value > 0 && value <= 65536 && value == std::floor(value)))
-      fail(field + " is " + show(value) + ", not a positive whole number");
-    return static_cast<int>(value);
-  }
-
-  std::string text(const std::string& field) const {
-    const cv::FileNode node = required(field);
-    if (!node.isString()) fail(field + " is not a text");
-    return static_cast<std::string>(node);
-  }
-
-  bool flag(const std::string& field) const {
-    const cv::FileNode node = required(field);
-    if (node.isString()) {
-      const std::string word = static_cast<std::string>(node);
-      if (word != "true" && word != "false") fail(field + " is \"" + word + "\", not true or false");
-      return word == "true";
-    }
-    return number(node, field) != 0;
-  }
-
-  // Elements row by row; read by hand because ROS leaves out the tag by which OpenCV knows a matrix.
-  std::vector<double> matrix(const std::string& field) const {
-    const cv::FileNode node = required(field);
-    if (!node.isMap() || node["rows"].empty() || node["cols"].empty() || node["data"].empty())
-      fail(field + " is not a matrix (rows, cols, data)");
-    const double rows = number(node["rows"], field + " rows"), columns = number(node["cols"], field + " cols");
-    std::vector<double> elements;
-    if (!node["data"].isSeq()) fail(field + " data is not a list of numbers");
-    for (const cv::FileNode& element : node["data"])
-      elements.push_back(number(element, field + "[" + std::to_string(elements.size()) + "]"));
-    if (rows * columns != static_cast<double>(elements.size()))
-      fail(field + " is said to be " + show(rows) + " x " + show(columns) + " but has " +
-           std::to_string(elements.size()) + " elements");
-    return elements;
-  }
-
-  static std::string show(double value) {
-    std::ostringstream out;
-    out << value;
-    return out.str();
-  }
-
- private:
-  cv::FileNode required(const std::string& field) const {
-    if (!has(field)) fail("no field " + field);
-    return storage_[field];
-  }
-
-  double number(const cv::FileNode& node, const std::string& field) const {
-    if (!node.isInt() && !node.isReal())
-      fail(field + " is " + (node.isString() ? "\"" + static_cast<std::string>(node) + "\", " : "") + "not a number");
-    const double value = static_cast<double>(node);
-    if (!std::isfinite(value)) fail(field + " is " + show(value) + ", not a finite number");
-    return value;
-  }
-
-  std::string path_;
-  cv::FileStorage storage_;
-};
-
-inline bool is_fisheye(const CalibrationReader& file) {
+inline bool is_fisheye(const SettingsFile& file) {
   for (const char* field : {"fisheye", "fisheye_model"})
     if (file.has(field)) return file.flag(field);
   for (const char* field : {"distortion_model", "camera_model"}) {
@@ -125,7 +30,7 @@ inline bool is_fisheye(const CalibrationReader& file) {
   return false;
 }
 
-inline Distortion read_distortion(const CalibrationReader& file) {
+inline Distortion read_distortion(const SettingsFile& file) {
   const std::string field = "distortion_coefficients";
   std::vector<double> k = file.matrix(field);
   const std::size_t given = k.size();
@@ -137,7 +42,7 @@ inline Distortion read_distortion(const CalibrationReader& file) {
     file.fail(field + " has " + std::to_string(given) + " numbers, not 4 or 5 (k1 k2 p1 p2 k3)");
   for (std::size_t i = 5; i < given; ++i)
     if (k[i] != 0)
-      file.fail(field + "[" + std::to_string(i) + "] is " + CalibrationReader::show(k[i]) +
+      file.fail(field + "[" + std::to_string(i) + "] is " + SettingsFile::show(k[i]) +
                 ": rational, thin prism and tilted lenses are not supported, calibrate with 5 coefficients");
   k.resize(5);
   if (k == std::vector<double>(5)) return NoDistortion{};
@@ -150,7 +55,7 @@ inline Distortion read_distortion(const CalibrationReader& file) {
 /// `fisheye`, as OpenCV's FileStorage (YAML, XML, JSON) and ROS's camera_info (YAML) write them.
 /// @throws std::runtime_error with file, field and value
 inline PinholeCamera load_calibration(const std::string& path) {
-  const detail::CalibrationReader file(path);
+  const detail::SettingsFile file("calibration", path);
   const SensorSize size{file.positive_integer("image_width"), file.positive_integer("image_height")};
   const std::vector<double> k = file.matrix("camera_matrix");
   if (k.size() != 9) file.fail("camera_matrix has " + std::to_string(k.size()) + " elements, not 3 x 3");
@@ -158,11 +63,11 @@ inline PinholeCamera load_calibration(const std::string& path) {
   const double expected[] = {1, 0, 1, 0, 1, 1, 0, 0, 1};
   for (const std::size_t i : {std::size_t{1}, std::size_t{3}, std::size_t{6}, std::size_t{7}, std::size_t{8}})
     if (k[i] != expected[i])
-      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::CalibrationReader::show(k[i]) + ", not " +
-                detail::CalibrationReader::show(expected[i]));
+      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::SettingsFile::show(k[i]) + ", not " +
+                detail::SettingsFile::show(expected[i]));
   for (const std::size_t i : {std::size_t{0}, std::size_t{4}})
     if (!(k[i] > 0))
-      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::CalibrationReader::show(k[i]) +
+      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::SettingsFile::show(k[i]) +
                 ", not positive");
   return PinholeCamera(size, k[0], k[4], k[2], k[5], detail::read_distortion(file));
 }

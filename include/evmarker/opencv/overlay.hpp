@@ -145,16 +145,18 @@ void draw_events(cv::Mat& picture, SensorSize size, const Events& events) {
       picture(cv::Rect(x * scale, y * scale, scale, scale)).setTo(Traits::on(event) ? color::kOn : color::kOff);
 }
 
-/// All edges of a model at a pose, through the camera's lens.
+/// All edges of a model at a pose that are on faces turned to the camera, through the camera's lens.
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
 void draw_wireframe(cv::Mat& picture, const Camera& camera, const MarkerModel& model,
                     const Eigen::Isometry3d& T_camera_marker, const cv::Scalar& edge_color, int thickness = 1) {
   const double scale = detail::scale_of(picture, camera);
-  for (const MarkerSegment& segment : model.segments)
-    detail::draw_edge(picture, camera, T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.from)),
-                      T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.to)), edge_color, thickness,
-                      scale);
+  for (const MarkerSegment& segment : model.segments) {
+    const Eigen::Vector3d from = T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.from));
+    const Eigen::Vector3d to = T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.to));
+    if (faces_camera(segment, from, T_camera_marker.linear()))
+      detail::draw_edge(picture, camera, from, to, edge_color, thickness, scale);
+  }
 }
 
 /// The marker's axes: x red, y green, z (out of the marker) blue, each `length` [m] long.

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 4. The light that a scene sends to each pixel of a camera.
+// Floor 5. The light that a scene sends to each pixel of a camera.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 3. The light of a textured background.
+// Floor 4. The light of a textured background.
 #include <Eigen/Core>
 #include <array>
 #include <cmath>

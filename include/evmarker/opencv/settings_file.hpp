@@ -1,0 +1,111 @@
+#pragma once
+// opencv. Files of named fields that OpenCV's FileStorage reads, with errors that name file, field and value.
+#include <cerrno>
+#include <cmath>
+#include <fstream>
+#include <opencv2/core.hpp>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace evmarker::opencv::detail {
+
+// A file of named fields under reading; every error is one line: file, field, value.
+class SettingsFile {
+ public:
+  // `kind` is what errors call the file.
+  SettingsFile(std::string kind, const std::string& path) : kind_(std::move(kind)), path_(path) {
+    // Read here and not by FileStorage, which prints a message of its own about a file that it cannot open.
+    errno = 0;
+    std::ifstream file(path, std::ios::binary);
+    std::ostringstream content;
+    if (!file || !(content << file.rdbuf()))
+      fail(errno == 0 ? "is empty" : "cannot be read: " + std::generic_category().message(errno));
+    std::string text = content.str();
+    const auto first = text.find_first_not_of(" \t\r\n");
+    if (first == std::string::npos) fail("is empty");
+    // ROS writes plain YAML, OpenCV insists on the directive.
+    if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
+      text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
+    try {
+      storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
+    } catch (const cv::Exception&) {
+      fail("is neither YAML, XML nor JSON that OpenCV can read");
+    }
+    if (!storage_.isOpened() || !storage_.root().isMap()) fail("is neither YAML, XML nor JSON with named fields");
+  }
+
+  [[noreturn]] void fail(const std::string& reason) const {
+    throw std::runtime_error(kind_ + " " + path_ + ": " + reason);
+  }
+
+  bool has(const std::string& field) const { return !storage_[field].empty(); }
+
+  int positive_integer(const std::string& field) const {
+    const double value = number(required(field), field);
+    if (!(value > 0 && value <= 65536 && value == std::floor(value)))
+      fail(field + " is " + show(value) + ", not a positive whole number");
+    return static_cast<int>(value);
+  }
+
+  std::string text(const std::string& field) const {
+    const cv::FileNode node = required(field);
+    if (!node.isString()) fail(field + " is not a text");
+    return static_cast<std::string>(node);
+  }
+
+  bool flag(const std::string& field) const {
+    const cv::FileNode node = required(field);
+    if (node.isString()) {
+      const std::string word = static_cast<std::string>(node);
+      if (word != "true" && word != "false") fail(field + " is \"" + word + "\", not true or false");
+      return word == "true";
+    }
+    return number(node, field) != 0;
+  }
+
+  // Elements row by row; read by hand because ROS leaves out the tag by which OpenCV knows a matrix.
+  std::vector<double> matrix(const std::string& field) const {
+    const cv::FileNode node = required(field);
+    if (!node.isMap() || node["rows"].empty() || node["cols"].empty() || node["data"].empty())
+      fail(field + " is not a matrix (rows, cols, data)");
+    const double rows = number(node["rows"], field + " rows"), columns = number(node["cols"], field + " cols");
+    std::vector<double> elements;
+    if (!node["data"].isSeq()) fail(field + " data is not a list of numbers");
+    for (const cv::FileNode& element : node["data"])
+      elements.push_back(number(element, field + "[" + std::to_string(elements.size()) + "]"));
+    if (rows * columns != static_cast<double>(elements.size()))
+      fail(field + " is said to be " + show(rows) + " x " + show(columns) + " but has " +
+           std::to_string(elements.size()) + " elements");
+    return elements;
+  }
+
+  static std::string show(double value) {
+    std::ostringstream out;
+    out << value;
+    return out.str();
+  }
+
+  cv::FileNode required(const std::string& field) const {
+    if (!has(field)) fail("no field " + field);
+    return storage_[field];
+  }
+
+  // `field` is what errors call the node.
+  double number(const cv::FileNode& node, const std::string& field) const {
+    if (!node.isInt() && !node.isReal())
+      fail(field + " is " + (node.isString() ? "\"" + static_cast<std::string>(node) + "\", " : "") + "not a number");
+    const double value = static_cast<double>(node);
+    if (!std::isfinite(value)) fail(field + " is " + show(value) + ", not a finite number");
+    return value;
+  }
+
+ private:
+  std::string kind_, path_;
+  cv::FileStorage storage_;
+};
+
+}  // namespace evmarker::opencv::detail
