@@ -19,8 +19,8 @@ static void reference(benchmark::State& state) {
       PoseEstimate pose;
       pose.t = event.t;
       pose.T_camera_marker = *T;
-      const auto updates = static_cast<int>(accuracy.poses()) + 1;
-      const bool converging = updates <= MarkerTrackerSettings<DecoupledUpdate>{}.converging_updates;
+      const auto matched = n * (static_cast<int>(accuracy.poses()) + 1);
+      const bool converging = matched <= MarkerTrackerSettings<DecoupledUpdate>{}.converging_events;
       pose.quality.state = converging ? TrackingState::converging : TrackingState::tracking;
       accuracy.add(pose, recording.truth(event.t));
     }

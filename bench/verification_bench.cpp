@@ -37,7 +37,7 @@ static void verification(benchmark::State& state) {
   std::vector<Window::Step> steps;
   std::size_t events = 0;
   for (const Event& event : recording.filtered) {
-    const auto [match, updated] = forward.push(lines(event), event.t);
+    const auto [match, updated, segment] = forward.push(lines(event), event.t);
     if (match == MatchResult::far) continue;
     steps.push_back({event, updated});
     const auto error = measured.push(event, updated, forward, lines);

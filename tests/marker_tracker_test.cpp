@@ -86,10 +86,10 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   }
 }
 
-TEST_CASE("the first updates are converging, then tracking, and poses carry id, time and quality") {
+TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = filtered(simulated::near_events(motion, 0.15, 43));
-  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_updates = 30});
+  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000});
   int poses = 0;
   for (const Event& event : events) {
     const auto pose = tracker.push(event);
@@ -234,7 +234,7 @@ TEST_CASE("what cannot work is refused by name") {
     return MarkerTracker<DecoupledUpdate>(simulated::camera, square, pose, settings);
   };
   CHECK_THROWS_WITH(make({.events_per_update = 0}), doctest::Contains("events_per_update is 0"));
-  CHECK_THROWS_WITH(make({.converging_updates = -1}), doctest::Contains("converging_updates is -1"));
+  CHECK_THROWS_WITH(make({.converging_events = -1}), doctest::Contains("converging_events is -1"));
   CHECK_THROWS_WITH(make({.min_matched_fraction = 1}), doctest::Contains("min_matched_fraction"));
   CHECK_THROWS_WITH(make({.matched_fraction_events = 0}), doctest::Contains("matched_fraction_events is 0"));
   CHECK_THROWS_WITH(make({.update = {.translation_gain = -2}}), doctest::Contains("translation_gain is -2"));

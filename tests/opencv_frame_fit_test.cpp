@@ -17,8 +17,8 @@
 #include "evmarker/opencv/frame_fit.hpp"
 
 using namespace evmarker;
-using opencv::code_agreement;
 using opencv::fit_to_frame;
+using opencv::read_code;
 
 namespace {
 
@@ -241,7 +241,7 @@ TEST_CASE("no fit of what is not in front of the camera, not finite or empty") {
 TEST_CASE("code agreement is the share of the cells that look right") {
   const cv::Mat frame = photograph(kCode, kPose);
   const auto agreement = [](const cv::Mat& seen, const Print& print, const Eigen::Isometry3d& T) {
-    return code_agreement(kCamera, seen, bits(print), kLength, T);
+    return read_code(kCamera, seen, bits(print), kLength, T).agreement;
   };
   CHECK(agreement(frame, kCode, kPose) == 1);
   CHECK(agreement(photograph(kCode, kPose, 1), kCode, kPose) == 1);
@@ -266,7 +266,7 @@ TEST_CASE("code agreement counts what was not seen against the marker") {
   const Eigen::Isometry3d frontal = pose(0, 0, 0.5, 0, {0, 0, 1});
   cv::Mat frame = photograph(kCode, frontal);
   const auto agreement = [&](const Eigen::Isometry3d& T) {
-    return code_agreement(kCamera, frame, bits(kCode), kLength, T);
+    return read_code(kCamera, frame, bits(kCode), kLength, T).agreement;
   };
   REQUIRE(agreement(frontal) == 1);
   CHECK(agreement(pose(0.5, 0, 0.5, 0, {0, 0, 1})) == 0);  // beside the image
@@ -290,7 +290,7 @@ TEST_CASE("a texture has neither a marker's cells nor its edges") {
       const auto fit = fit_to_frame(kCamera, frame, kModel, kPose, 4);
       if (fit) best_support = std::max(best_support, fit->support);
       const Eigen::Isometry3d T = fit ? fit->T_camera_marker : kPose;
-      best_agreement = std::max(best_agreement, code_agreement(kCamera, frame, bits(kCode), kLength, T));
+      best_agreement = std::max(best_agreement, read_code(kCamera, frame, bits(kCode), kLength, T).agreement);
     }
   CHECK(best_agreement > 0.2);  // it was looked at
   CHECK(best_agreement < 0.7);

@@ -232,7 +232,7 @@ TEST_CASE("of a planar marker's two poses, the events choose the right one") {
     MarkerModel model(MarkerId id) const { return knowing.model(id); }
   };
   const auto events = simulated::near_events(motion, 0.6, 60);
-  Tracker tracker(simulated::camera, MistakenDetector{{motion}});
+  Tracker tracker(simulated::camera, MistakenDetector{{motion}}, {.detections_to_confirm = 1});  // poses from the start
   AccuracyMeter meter;
   double first_error_deg = 0;
   for (const PoseEstimate& pose : track(tracker, events)) {

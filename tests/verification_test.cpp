@@ -87,7 +87,7 @@ TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one
     int updates = 0;
     for (const Event& event : events) {
       if (!filter.accept(event)) continue;
-      const auto [match, updated] = follower.push(lines(event), event.t);
+      const auto [match, updated, segment] = follower.push(lines(event), event.t);
       if (match == MatchResult::far) continue;
       updates += updated;
       if (updates == 50 && updated) verification.start_window(follower);  // the first updates refine the start
@@ -133,7 +133,7 @@ TEST_CASE("verification leaves the forward tracker as it is") {
   int verifications = 0;
   for (const Event& event : events) {
     alone.push(lines(event), event.t);
-    const auto [match, updated] = verified.push(lines(event), event.t);
+    const auto [match, updated, segment] = verified.push(lines(event), event.t);
     verifications += verification.push(event, updated, verified, lines).has_value();
   }
   REQUIRE(verifications > 10);

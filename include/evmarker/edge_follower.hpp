@@ -61,6 +61,7 @@ class EdgeFollower {
   struct Result {
     MatchResult match = MatchResult::far;
     bool updated = false;
+    int segment = 0;  ///< of a matched event
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
@@ -74,8 +75,8 @@ class EdgeFollower {
     correspondence.t = t;
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.distance_px * correspondence.distance_px;
-    if (++matched_ < events_per_update_) return {match, false};
-    return {match, update(t)};
+    if (++matched_ < events_per_update_) return {match, false, correspondence.segment};
+    return {match, update(t), correspondence.segment};
   }
 
   /// Prepares to be fed the past, newest event first, with times that go on forward.

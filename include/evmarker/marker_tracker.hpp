@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "evmarker/edge_coverage.hpp"
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
 #include "evmarker/pose.hpp"
@@ -24,9 +25,10 @@ struct MarkerTrackerSettings {
   VerificationSettings verification{};  ///< the paper's backtracking
   bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
   double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
-  int converging_updates = 50;          ///< the first N updates: verified, but not held against the tracker
+  int converging_events = 2000;         ///< matched first: verified, but not held against the tracker
   double min_matched_fraction = 0.45;   ///< of the events near the edges; below: it follows something else, lost
   int matched_fraction_events = 500;    ///< about how many events that fraction is averaged over
+  double max_silent_share = 0.35;       ///< of the edges' motion that makes no events; above: it is hidden, lost
 };
 
 /// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
@@ -48,13 +50,16 @@ class MarkerTracker {
                   {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
                    settings.polarity_check_px_s}),
         verification_(follower_, settings.verification),
+        coverage_(follower_.matcher().model(), lines_.focal_length()),
         centre_(centre_of(follower_.matcher().model())) {
-    if (settings.converging_updates < 0)
-      throw std::invalid_argument("converging_updates is " + std::to_string(settings.converging_updates));
+    if (settings.converging_events < 0)
+      throw std::invalid_argument("converging_events is " + std::to_string(settings.converging_events));
     if (!(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1))
       throw std::invalid_argument("min_matched_fraction is " + std::to_string(settings.min_matched_fraction));
     if (settings.matched_fraction_events < 1)
       throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
+    if (!(settings.max_silent_share > 0 && settings.max_silent_share <= 1))
+      throw std::invalid_argument("max_silent_share is " + std::to_string(settings.max_silent_share));
   }
 
   /// Takes one event. A pose every `events_per_update` matched ones, and one last pose with state `lost` when the
@@ -64,27 +69,28 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
     const Eigen::Vector2d m = lines_(event);
-    const auto [match, updated] = follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
+    const auto [match, updated, segment] = follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
     if (match == MatchResult::far) return std::nullopt;
     t_ = event.t;
 
     offered_ = std::min(offered_ + 1, settings_.matched_fraction_events);
     const bool explained = match == MatchResult::matched || match == MatchResult::ambiguous;
     matched_fraction_ += ((explained ? 1.0 : 0.0) - matched_fraction_) / offered_;
+    if (match == MatchResult::matched) coverage_.add(segment);
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {
-      ++updates_;
+      matched_ += follower_.last_update().matched;
       quality_.updated_t = t_;
       if (quality_.state == TrackingState::converging) add_misfit(follower_.last_update());
     }
     if (quality_.state == TrackingState::converging) {
-      if (updates_ > settings_.converging_updates) start_judging();
+      if (matched_ > settings_.converging_events) start_judging();
     } else if (matched_fraction_ < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
       return lose();
     }
     if (!updated) return std::nullopt;
-    if (!follower_.in_front() || out_of_image()) return lose();
+    if (!follower_.in_front() || out_of_image() || hidden()) return lose();
     return update_estimate();
   }
 
@@ -156,6 +162,13 @@ class MarkerTracker {
     quality_.state = TrackingState::tracking;
     verification_.start_window(follower_);
     matched_fraction_ = 1;
+    coverage_.restart();
+  }
+
+  bool hidden() noexcept {
+    if (!coverage_.due()) return false;
+    const auto silent_share = coverage_.silent_share(model(), T_camera_marker());
+    return silent_share && *silent_share > settings_.max_silent_share && quality_.state == TrackingState::tracking;
   }
 
   void note(const BacktrackError& error) noexcept {
@@ -186,10 +199,11 @@ class MarkerTracker {
   UndistortionTable lines_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
+  EdgeCoverage coverage_;
   Eigen::Vector3d centre_;  // of the model's bounding box, marker frame [m]
   TrackingQuality quality_;
   Timestamp t_ = 0;
-  int updates_ = 0;
+  std::int64_t matched_ = 0;
   double misfit2_px_ = 0;  // sum over the events of the converging updates
   int misfit_events_ = 0;
   int offered_ = 0;              // events that the running mean below stands for

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 7. Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
+// Floor 8. Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
 #include <algorithm>
 #include <chrono>
 #include <concepts>
@@ -13,6 +13,7 @@
 
 #include "evmarker/detection.hpp"
 #include "evmarker/event_history.hpp"
+#include "evmarker/found_marker.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
@@ -24,11 +25,12 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 struct TrackerSettings {
   std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
   std::chrono::microseconds detection_interval{10000};  ///< event time from one look at the polarity frame to the next
+  std::chrono::microseconds search_interval{5000};      ///< the same until there is a marker, all confirmed
   /// Event time from a look to the registration of what it found, as if the detector took so long; the events between
   /// are replayed into the new trackers.
   std::chrono::microseconds detection_latency{0};
   int min_events_per_detection = 200;  ///< no new look before this many events have passed the filter
-  int detections_to_confirm = 2;  ///< looks in a row that must find a marker in the same place before it is tracked
+  int detections_to_confirm = 2;  ///< looks that must show a marker's code where it is tracked before it is announced
   std::size_t max_markers = 64;   ///< tracked at the same time
   std::size_t history_events = 1u << 18;  ///< kept to be replayed
   MarkerTrackerSettings<Rule> marker{};   ///< of every marker's tracker
@@ -42,9 +44,9 @@ struct TrackerStatistics {
   std::uint64_t matched = 0;          ///< taken into pose updates, all markers together
   std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; taken as they are
   std::uint64_t detections = 0;       ///< looks at the polarity frame
-  std::uint64_t registered = 0;       ///< markers that began to be tracked
+  std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
   std::uint64_t replayed = 0;         ///< events replayed into markers that began to be tracked
-  std::uint64_t lost = 0;             ///< markers that were lost
+  std::uint64_t lost = 0;             ///< of the registered
 };
 
 /// Tracks every marker that the detector finds. One thread, deterministic: the same events give the same poses, bit for
@@ -72,10 +74,12 @@ class Tracker {
       if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
     };
     require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
+    require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
     require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
     require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
     require(settings.max_markers > 0, "max_markers", settings.max_markers);
     markers_.reserve(settings.max_markers);
+    missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers);
   }
 
@@ -92,8 +96,9 @@ class Tracker {
     ++passed_;
     frame_.update(event);
     history_.push(event);
-    for (MarkerTracker<Rule>& rival : rivals_) rival.push(event);
-    for (MarkerTracker<Rule>& marker : markers_) track(marker, event);
+    for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.push(event);
+    for (FoundMarker<Rule>& marker : markers_)
+      if (const auto pose = marker.push(event)) deliver(*pose);
     if (!poses_.empty()) drop_lost();
     if (detection_due(event.t)) detect(event.t);
     if (registration_due(event.t)) register_detections();
@@ -102,12 +107,23 @@ class Tracker {
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
   const PolarityFrame& polarity_frame() const noexcept { return frame_; }
-  std::span<const MarkerTracker<Rule>> markers() const noexcept { return markers_; }
+  /// The `MarkerTracker` of every marker that is being tracked.
+  auto markers() const noexcept {
+    return std::views::transform(
+        markers_, [](const auto& marker) -> const auto& { return marker.tracker(); });
+  }
 
  private:
-  struct Candidate {
-    MarkerDetection detection;
-    int sightings = 0;
+  // Tracked since it was found; its poses are kept back until more looks have shown its code where the tracker has it.
+  struct Unconfirmed {
+    FoundMarker<Rule> marker;
+    int sightings = 1;
+    int looks = 1;
+  };
+
+  struct Missing {
+    FoundMarker<Rule> marker;
+    Timestamp since;
   };
 
   // Counts the event; false if it is not on the sensor.
@@ -128,31 +144,17 @@ class Tracker {
       statistics_.matched += static_cast<std::uint64_t>(pose.quality.matched);
   }
 
-  void track(MarkerTracker<Rule>& marker, const Event& event) {
-    if (const auto pose = marker.push(event)) deliver(settle(marker) ? marker.estimate() : *pose);
-  }
-
-  // A planar marker has two poses that look alike from afar. Both were started; once the likelier one has converged,
-  // the one whose edges explained the events better goes on. True if it is the other.
-  bool settle(MarkerTracker<Rule>& marker) noexcept {
-    if (marker.state() == TrackingState::converging) return false;
-    const auto rival = std::ranges::find(rivals_, marker.id(), &MarkerTracker<Rule>::id);
-    if (rival == rivals_.end()) return false;
-    const bool better = rival->state() != TrackingState::lost &&
-                        (marker.state() == TrackingState::lost || rival->misfit_px() < marker.misfit_px());
-    if (better) std::swap(marker, *rival);
-    rivals_.erase(rival);
-    return better;
-  }
-
   // A lost marker's id goes back to the detector.
-  void drop_lost() noexcept {
-    std::erase_if(markers_, [](const auto& marker) { return marker.state() == TrackingState::lost; });
+  void drop_lost() {
+    for (FoundMarker<Rule>& marker : markers_)
+      if (marker.lost() && missing_.size() < settings_.max_markers) missing_.push_back({std::move(marker), last_t_});
+    std::erase_if(markers_, [](const auto& marker) { return marker.lost(); });
   }
 
   bool detection_due(Timestamp t) const noexcept {
+    const bool searching = markers_.empty() || !unconfirmed_.empty();
     return passed_ >= settings_.min_events_per_detection && !registration_pending_ &&
-           time_for(t, settings_.detection_interval);
+           time_for(t, searching ? settings_.search_interval : settings_.detection_interval);
   }
 
   bool registration_due(Timestamp t) const noexcept {
@@ -170,52 +172,93 @@ class Tracker {
     last_look_ = t;
     passed_ = 0;
     looked_at_ = history_.pushed();
-    std::vector<Candidate> seen;
-    for (const MarkerDetection& detection : detector_.detect(frame_)) {
-      const auto before = std::ranges::find_if(candidates_, [&](const Candidate& candidate) {
-        return candidate.detection.id == detection.id && same_place(candidate.detection, detection.T_camera_marker);
-      });
-      seen.push_back({detection, before == candidates_.end() ? 1 : before->sightings + 1});
-    }
-    candidates_ = std::move(seen);
-    registration_pending_ = !candidates_.empty();
+    found_.clear();
+    for (const MarkerDetection& detection : detector_.detect(frame_)) found_.push_back(detection);
+    search_missing(t);
+    confirm();
+    registration_pending_ = !found_.empty();
   }
 
-  // Starts a tracker for every confirmed marker that is not tracked yet, with the events since it was found.
+  // A marker that was just lost is looked for where its motion must have taken it: the detector may not find it there
+  // by itself, if a part of it is hidden.
+  void search_missing(Timestamp t) {
+    constexpr std::uint64_t kPredictable = 100000;  // [us]
+    std::erase_if(missing_, [&](const Missing& missing) {
+      const MarkerId id = missing.marker.id();
+      return elapsed_us(missing.since, t) > kPredictable || std::ranges::count(found_, id, &MarkerDetection::id) > 0;
+    });
+    if constexpr (requires(MarkerId id, Eigen::Isometry3d T) { detector_.search(id, T); })
+      for (const auto& [marker, since] : missing_)
+        if (const auto found = detector_.search(marker.id(), marker.tracker().pose_at(t).T_camera_marker))
+          found_.push_back(*found);
+  }
+
+  // Whether the last look shows the marker's code where it is tracked.
+  bool shown(const MarkerTracker<Rule>& marker) const {
+    if constexpr (requires { detector_.shows(marker.id(), marker.T_camera_marker()); })
+      return detector_.shows(marker.id(), marker.T_camera_marker());
+    else
+      return std::ranges::any_of(found_, [&](const MarkerDetection& detection) {
+        return detection.id == marker.id() && same_place(detection, marker.T_camera_marker());
+      });
+  }
+
+  // Announces the markers that were seen often enough; the others have some looks left.
+  void confirm() {
+    constexpr int kPatience = 10;  // [looks]
+    std::erase_if(unconfirmed_, [&](Unconfirmed& unconfirmed) {
+      auto& [marker, sightings, looks] = unconfirmed;
+      if (marker.lost() || ++looks > kPatience) return true;
+      sightings += shown(marker.tracker());
+      if (sightings < settings_.detections_to_confirm) return false;
+      deliver(marker.tracker().estimate());
+      announce(std::move(marker));
+      return true;
+    });
+  }
+
+  void announce(FoundMarker<Rule> marker) {
+    ++statistics_.registered;
+    markers_.push_back(std::move(marker));
+  }
+
+  // Starts a tracker for every marker that is not tracked yet, with the events since it was found.
   void register_detections() {
     registration_pending_ = false;
-    for (const auto& [detection, sightings] : candidates_) {
-      if (sightings < settings_.detections_to_confirm || tracked(detection)) continue;
-      if (markers_.size() == settings_.max_markers) break;
-      ++statistics_.registered;
-      if (detection.T_camera_marker_alternative)
-        rivals_.push_back(start(detection, *detection.T_camera_marker_alternative));
-      markers_.push_back(start(detection, detection.T_camera_marker));
+    for (const MarkerDetection& detection : found_) {
+      if (tracked(detection)) continue;
+      if (markers_.size() + unconfirmed_.size() == settings_.max_markers) break;
+      FoundMarker<Rule> marker(lines_, detector_.model(detection.id), detection, settings_.marker);
+      const bool confirmed = settings_.detections_to_confirm == 1;
       history_.for_each_since(looked_at_, [&](const Event& event) {
         ++statistics_.replayed;
-        if (!rivals_.empty() && rivals_.back().id() == detection.id) rivals_.back().push(event);
-        track(markers_.back(), event);
+        if (const auto pose = marker.push(event); pose && confirmed) deliver(*pose);
       });
+      if (confirmed)
+        announce(std::move(marker));
+      else
+        unconfirmed_.push_back({std::move(marker)});
     }
     drop_lost();
   }
 
-  MarkerTracker<Rule> start(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) {
-    return {lines_, detector_.model(detection.id), T_camera_marker, settings_.marker, detection.id};
-  }
-
   // Whether the id is being tracked where it was found. A tracker that has had no update while its marker is seen
-  // elsewhere has lost it: nothing moved where it waits.
+  // elsewhere has lost it: nothing moved where it waits. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
-    const auto marker = std::ranges::find(markers_, detection.id, &MarkerTracker<Rule>::id);
+    const auto unconfirmed = std::ranges::find(unconfirmed_, detection.id, [](const auto& u) { return u.marker.id(); });
+    if (unconfirmed != unconfirmed_.end()) {
+      if (same_place(detection, unconfirmed->marker.tracker().T_camera_marker())) return true;
+      unconfirmed_.erase(unconfirmed);
+      return false;
+    }
+    const auto marker = std::ranges::find(markers_, detection.id, &FoundMarker<Rule>::id);
     if (marker == markers_.end()) return false;
-    const Timestamp seen = marker->estimate().t;
+    const Timestamp seen = marker->tracker().estimate().t;
     const bool silent = seen < detection.t && elapsed_us(seen, detection.t) >
                                                   static_cast<std::uint64_t>(settings_.detection_interval.count());
-    if (!silent || same_place(detection, marker->T_camera_marker())) return true;
-    deliver(marker->lose());
+    if (!silent || same_place(detection, marker->tracker().T_camera_marker())) return true;
+    deliver(marker->tracker().lose());
     markers_.erase(marker);
-    std::erase_if(rivals_, [&](const auto& rival) { return rival.id() == detection.id; });
     return false;
   }
 
@@ -234,10 +277,11 @@ class Tracker {
   Filter filter_;
   PolarityFrame frame_;
   EventHistory history_;
-  std::vector<MarkerTracker<Rule>> markers_;
-  std::vector<MarkerTracker<Rule>> rivals_;  // from the other pose of a planar marker, until one of the two is dropped
+  std::vector<FoundMarker<Rule>> markers_;  // announced
+  std::vector<Unconfirmed> unconfirmed_;
+  std::vector<Missing> missing_;        // lost a short time ago
+  std::vector<MarkerDetection> found_;  // in the last look
   std::vector<PoseEstimate> poses_;
-  std::vector<Candidate> candidates_;  // found in the last look
   bool registration_pending_ = false;
   Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();

@@ -31,8 +31,8 @@ struct ArucoDetectorSettings {
   double marker_length = 0.10;             ///< side of the black square [m]
   std::vector<MarkerId> ids = {};          ///< the markers to look for; empty: the whole dictionary
   double min_side_px = 15;                 ///< smaller markers are not looked for
-  double min_agreement = 0.9;  ///< share of the marker's area that must look as its code demands, see `code_agreement`
-  double min_edge_support = 0.7;       ///< share of its edges that must be seen in the frame, see `FrameFit`
+  double min_agreement = 0.9;     ///< share of the marker's area that must look as its code demands, see `read_code`
+  double min_edge_support = 0.7;  ///< share of its edges that must be seen in the frame, see `FrameFit`
   double max_alternative_ratio = 2.0;  ///< the second planar pose is told if it fits at most so much worse
 };
 
@@ -76,6 +76,7 @@ class ArucoDetector {
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     require_size(frame.sensor_size());
     image_ = guess_image(frame);
+    t_ = frame.t();
     std::vector<std::vector<cv::Point2f>> candidates;
     std::vector<int> ids;
     detail::detect_markers(image_, dictionary_, parameters_, candidates, ids);
@@ -89,11 +90,21 @@ class ArucoDetector {
       if (known == best.end() || candidate->cost_px < known->second.cost_px) best.insert_or_assign(ids[i], *candidate);
     }
     std::vector<MarkerDetection> detections;
-    for (auto& [id, candidate] : best) {
-      candidate.detection.t = frame.t();
-      detections.push_back(candidate.detection);
-    }
+    for (const auto& [id, candidate] : best) detections.push_back(candidate.detection);
     return detections;
+  }
+
+  /// Whether the frame of the last look shows a marker's code at a pose: no cell of it may look like the opposite.
+  bool shows(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
+    constexpr double kMostOfIt = 0.75;
+    const CodeReading code = read_code(camera_, image_, bits(id), settings_.marker_length, T_camera_marker);
+    return code.contradicted == 0 && code.agreement >= kMostOfIt;
+  }
+
+  /// Looks in the frame of the last look for a marker that should be near a pose.
+  std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
+    const auto fit = fit_pose(model(id), bits(id), T_camera_marker);
+    return fit ? std::optional(describe(id, fit->T_camera_marker)) : std::nullopt;
   }
 
   /// The cells inside the border of a marker.
@@ -127,22 +138,41 @@ class ArucoDetector {
     refine_corners(corners);
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
-    for (const Eigen::Isometry3d& T : solve_pnp(corners))
+    const auto fit_from = [&](const Eigen::Isometry3d& T) {
       if (const auto fit = fit_pose(wireframe, bits(id), T)) fits.push_back(*fit);
+    };
+    std::ranges::for_each(solve_pnp(corners), fit_from);
     if (fits.empty()) return std::nullopt;
+    fit_from(mirrored(fits[0].T_camera_marker));  // both starts may have led to one pose
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
 
+    MarkerDetection detection = describe(id, fits[0].T_camera_marker);
+    constexpr double kSamePose = 0.1;  // [rad]
+    const auto other = std::ranges::find_if(fits, [&](const FrameFit& fit) {
+      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
+    });
+    if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
+      detection.T_camera_marker_alternative = other->T_camera_marker;
+    return Candidate{detection, fits[0].cost_px};
+  }
+
+  // The pose whose image is nearly the same: tilted as much to the other side of the line of sight.
+  static Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T_camera_marker) {
+    const Eigen::Vector3d sight = -T_camera_marker.translation().normalized();
+    const auto half = Eigen::Quaterniond::FromTwoVectors(T_camera_marker.linear().col(2), sight);
+    Eigen::Isometry3d T = T_camera_marker;
+    T.linear() = (half * half).toRotationMatrix() * T_camera_marker.linear();
+    return T;
+  }
+
+  MarkerDetection describe(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     MarkerDetection detection;
     detection.id = id;
-    detection.T_camera_marker = fits[0].T_camera_marker;
-    constexpr double kSamePose = 0.03;  // [rad]: both starts led to one pose
-    if (fits.size() > 1 && fits[1].cost_px <= settings_.max_alternative_ratio * fits[0].cost_px &&
-        geodesic_angle(fits[0].T_camera_marker.linear(), fits[1].T_camera_marker.linear()) > kSamePose)
-      detection.T_camera_marker_alternative = fits[1].T_camera_marker;
+    detection.t = t_;
+    detection.T_camera_marker = T_camera_marker;
     const auto square = make_square_marker(settings_.marker_length).vertices;
-    for (std::size_t i = 0; i < 4; ++i)
-      detection.corners_px[i] = camera_.project(detection.T_camera_marker * square[i]);
-    return Candidate{detection, fits[0].cost_px};
+    for (std::size_t i = 0; i < 4; ++i) detection.corners_px[i] = camera_.project(T_camera_marker * square[i]);
+    return detection;
   }
 
   void refine_corners(std::vector<cv::Point2f>& corners) const {
@@ -180,15 +210,19 @@ class ArucoDetector {
     return poses;
   }
 
+  // How far from an edge its step is looked for: not to the next edge of the code.
+  double reach_px(const Eigen::Isometry3d& T) const {
+    const double marker_px = camera_.focal_length() * settings_.marker_length / T.translation().z();
+    return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
+  }
+
   // Nothing where the frame does not bear the marker out.
   std::optional<FrameFit> fit_pose(const MarkerModel& wireframe, const CodeBits& code,
                                    const Eigen::Isometry3d& T) const {
-    const double cell_px =
-        camera_.focal_length() * settings_.marker_length / T.translation().z() / static_cast<double>(code.rows() + 2);
-    const double reach_px = std::clamp(0.4 * cell_px, 1.5, 4.0);  // not to the next edge of the code
-    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px);
+    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(T));
     if (!fit || fit->support < settings_.min_edge_support) return std::nullopt;
-    if (code_agreement(camera_, image_, code, settings_.marker_length, fit->T_camera_marker) < settings_.min_agreement)
+    if (read_code(camera_, image_, code, settings_.marker_length, fit->T_camera_marker).agreement <
+        settings_.min_agreement)
       return std::nullopt;
     return fit;
   }
@@ -197,7 +231,8 @@ class ArucoDetector {
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
   cv::aruco::DetectorParameters parameters_;
-  cv::Mat image_;  // of the present look
+  cv::Mat image_;  // of the last look
+  Timestamp t_ = 0;
 };
 
 }  // namespace evmarker::opencv

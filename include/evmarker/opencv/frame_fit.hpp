@@ -187,29 +187,41 @@ std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame,
   }
 }
 
-/// Share of a code marker's area, border included, that the frame shows as black or white as the code demands; pixels
-/// at which nothing was seen count against it. Looks at the middle of every cell.
+/// What a frame shows of a code marker at a pose.
+struct CodeReading {
+  double agreement = 0;  ///< share of the area, border included, that is black or white as the code demands
+  int contradicted = 0;  ///< cells that look mostly like the opposite
+};
+
+/// Compares the middle of every cell of a code marker, `length` wide [m], with what its code demands; pixels at which
+/// nothing was seen agree with nothing and contradict nothing.
 template <CameraModel Camera>
-double code_agreement(const Camera& camera, const cv::Mat& frame, const CodeBits& bits, double length,
+CodeReading read_code(const Camera& camera, const cv::Mat& frame, const CodeBits& bits, double length,
                       const Eigen::Isometry3d& T_camera_marker) {
-  constexpr int kSamples = 5;
+  constexpr int kSide = 5, kSamples = kSide * kSide;
   const int cells = static_cast<int>(bits.rows()) + 2;
   const double cell = length / cells;
-  int right = 0;
+  CodeReading reading;
+  int agreeing = 0;
   for (int row = 0; row < cells; ++row)
     for (int column = 0; column < cells; ++column) {
       const bool border = row == 0 || column == 0 || row == cells - 1 || column == cells - 1;
       const bool white = !border && bits(row - 1, column - 1) != 0;
-      for (int i = 0; i < kSamples; ++i)
-        for (int j = 0; j < kSamples; ++j) {
-          const double u = 0.2 + 0.6 * (i + 0.5) / kSamples, v = 0.2 + 0.6 * (j + 0.5) / kSamples;
+      int right = 0, wrong = 0;
+      for (int i = 0; i < kSide; ++i)
+        for (int j = 0; j < kSide; ++j) {
+          const double u = 0.2 + 0.6 * (i + 0.5) / kSide, v = 0.2 + 0.6 * (j + 0.5) / kSide;
           const Eigen::Vector3d point((column + u) * cell - length / 2, length / 2 - (row + v) * cell, 0);
           const Eigen::Vector3d P = T_camera_marker * point;
           const double seen = P.z() > 0 ? detail::brightness(frame, camera.project(P)) : 0;
           right += white ? seen > 0.5 : seen < -0.5;
+          wrong += white ? seen < -0.5 : seen > 0.5;
         }
+      agreeing += right;
+      reading.contradicted += wrong > right;
     }
-  return static_cast<double>(right) / (cells * cells * kSamples * kSamples);
+  reading.agreement = agreeing / static_cast<double>(cells * cells * kSamples);
+  return reading;
 }
 
 }  // namespace evmarker::opencv

@@ -15,19 +15,36 @@ namespace detail {
 
 inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
 
+// The last polarities without the noise, which would cast votes, too: a pixel keeps its polarity if two neighbours
+// share it (the edge of a slow marker is a thin line), and takes the one that most of its neighbours have.
+inline cv::Mat_<std::uint8_t> without_noise(const cv::Mat& pixels) {
+  constexpr int kMost = 5, kLine = 3;  // of the 3x3 pixels
+  const auto count = [&](std::uint8_t polarity) {
+    cv::Mat_<std::uint8_t> sum;
+    cv::boxFilter((pixels == polarity) / 255, sum, CV_8U, {3, 3}, {-1, -1}, false, cv::BORDER_CONSTANT);
+    return sum;
+  };
+  const cv::Mat_<std::uint8_t> on = count(PolarityFrame::kOn), off = count(PolarityFrame::kOff);
+  cv::Mat_<std::uint8_t> seen(pixels.size(), kUnseen);
+  seen.setTo(PolarityFrame::kOn, (on >= kMost) | ((pixels == PolarityFrame::kOn) & (on >= kLine) & (off < kMost)));
+  seen.setTo(PolarityFrame::kOff, (off >= kMost) | ((pixels == PolarityFrame::kOff) & (off >= kLine) & (on < kMost)));
+  return seen;
+}
+
 // Low bits of two times, nearer than half an hour: how much later the first is [us].
 inline float later_us(std::uint32_t a, std::uint32_t b) {
   constexpr float kAnotherPassage = 20000;  // [us]: two edges that passed at different times tell no direction
   return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
 }
 
-// Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over some
-// fifteen pixels to each side; one for every block of 4x4 pixels. Averaged along an edge it is the edge's normal, near
+// Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over ten
+// pixels to each side; one for every block of 4x4 pixels. Averaged along an edge it is the edge's normal, near
 // a corner the motion itself.
 inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, std::span<const std::uint32_t> times) {
-  constexpr int kBlock = 4, kWindow = 8;  // [px], [blocks]
+  constexpr int kBlock = 4, kWindow = 5;  // [px], [blocks]
+  constexpr float kAgreed = 0.2f;         // where the events do not agree, no direction is better than a wrong one
   const int width = seen.cols;
-  cv::Mat_<cv::Vec2f> motion((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec2f(0, 0));
+  cv::Mat_<cv::Vec3f> sum((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
   for (int y = 1; y + 1 < seen.rows; ++y)
     for (int x = 1; x + 1 < width; ++x) {
       if (seen(y, x) == kUnseen) continue;
@@ -39,13 +56,14 @@ inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, 
             later +=
                 later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
       const float length = std::hypot(later[0], later[1]);
-      if (length > 0) motion(y / kBlock, x / kBlock) += later / length;
+      if (length > 0) sum(y / kBlock, x / kBlock) += cv::Vec3f(later[0] / length, later[1] / length, 1);
     }
-  cv::blur(motion, motion, {kWindow, kWindow});
-  for (cv::Vec2f& direction : motion) {
-    const float length = std::hypot(direction[0], direction[1]);
-    direction = length > 1e-3f ? direction / length : cv::Vec2f(0, 0);
-  }
+  cv::blur(sum, sum, {kWindow, kWindow});
+  cv::Mat_<cv::Vec2f> motion(sum.size(), cv::Vec2f(0, 0));
+  std::transform(sum.begin(), sum.end(), motion.begin(), [](const cv::Vec3f& s) {
+    const float length = std::hypot(s[0], s[1]);
+    return length > kAgreed * s[2] ? cv::Vec2f(s[0] / length, s[1] / length) : cv::Vec2f(0, 0);
+  });
   return motion;
 }
 
@@ -72,8 +90,7 @@ inline cv::Mat guess_image(const PolarityFrame& frame) {
   const SensorSize size = frame.sensor_size();
   const cv::Mat pixels(size.height, size.width, CV_8U,
                        const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
-  cv::Mat_<std::uint8_t> seen;
-  cv::medianBlur(pixels, seen, 3);  // what is left of the noise would cast votes, too
+  const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
   const cv::Mat_<cv::Vec2f> motion = detail::motion_of_blocks(seen, frame.times());
   const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters
   cv::Mat_<float> votes(seen.size(), 0.0f);

@@ -1,0 +1,52 @@
+#pragma once
+// Floor 7. A marker from its detection on: followed from both poses that a plane allows, until the events decide.
+#include <optional>
+#include <utility>
+
+#include "evmarker/detection.hpp"
+#include "evmarker/marker_tracker.hpp"
+
+namespace evmarker {
+
+/// A planar marker has two poses that look alike from afar. Where its detection could not tell them apart both are
+/// tracked; once the likelier one has converged, the one whose edges explain the events better goes on.
+template <PoseUpdateRule Rule>
+class FoundMarker {
+ public:
+  /// @throws std::invalid_argument like MarkerTracker
+  FoundMarker(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
+              const MarkerTrackerSettings<Rule>& settings)
+      : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
+    if (detection.T_camera_marker_alternative)
+      rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
+  }
+
+  std::optional<PoseEstimate> push(const Event& event) noexcept {
+    if (rival_) [[unlikely]]
+      rival_->push(event);
+    auto pose = tracker_.push(event);
+    if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
+      if (settle()) return tracker_.estimate();
+    return pose;
+  }
+
+  MarkerTracker<Rule>& tracker() noexcept { return tracker_; }
+  const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
+  MarkerId id() const noexcept { return tracker_.id(); }
+  bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
+
+ private:
+  // True if the other pose was the right one.
+  bool settle() noexcept {
+    const bool better =
+        rival_->state() != TrackingState::lost && (lost() || rival_->misfit_px() < tracker_.misfit_px());
+    if (better) std::swap(tracker_, *rival_);
+    rival_.reset();
+    return better;
+  }
+
+  MarkerTracker<Rule> tracker_;
+  std::optional<MarkerTracker<Rule>> rival_;
+};
+
+}  // namespace evmarker
