@@ -1,5 +1,5 @@
 #pragma once
-// Floor 8. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
+// Floor 10. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
 #include "evmarker/accuracy.hpp"
 #include "evmarker/board.hpp"
 #include "evmarker/board_detector.hpp"
@@ -11,6 +11,7 @@
 #include "evmarker/event_history.hpp"
 #include "evmarker/event_stream.hpp"
 #include "evmarker/kalman_update.hpp"
+#include "evmarker/look.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/polarity_frame.hpp"
@@ -21,6 +22,7 @@
 #include "evmarker/so3.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/tracker.hpp"
+#include "evmarker/tracker_core.hpp"
 #include "evmarker/trajectory.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"

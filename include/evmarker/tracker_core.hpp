@@ -1,0 +1,282 @@
+#pragma once
+// Floor 8. Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <ranges>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/event_history.hpp"
+#include "evmarker/found_marker.hpp"
+#include "evmarker/look.hpp"
+#include "evmarker/marker_tracker.hpp"
+#include "evmarker/polarity_frame.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/undistortion_table.hpp"
+
+namespace evmarker {
+
+template <PoseUpdateRule Rule = KalmanUpdate>
+struct TrackerSettings {
+  std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
+  std::chrono::microseconds detection_interval{10000};  ///< event time from one look at the polarity frame to the next
+  std::chrono::microseconds search_interval{5000};      ///< the same until there is a marker, all confirmed
+  /// Event time from a look to the registration of what it found, as if the detector took so long; the events between
+  /// are replayed into the new trackers.
+  std::chrono::microseconds detection_latency{0};
+  int min_events_per_detection = 200;  ///< no new look before this many events have passed the filter
+  int detections_to_confirm = 2;  ///< looks that must show a marker's code where it is tracked before it is announced
+  std::size_t max_markers = 64;   ///< tracked at the same time
+  std::size_t history_events = 1u << 18;  ///< kept to be replayed
+  MarkerTrackerSettings<Rule> marker{};   ///< of every marker's tracker
+};
+
+/// What happened to the events so far.
+struct TrackerStatistics {
+  std::uint64_t events = 0;           ///< pushed
+  std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
+  std::uint64_t filtered = 0;         ///< discarded: no support in space and time
+  std::uint64_t matched = 0;          ///< taken into pose updates, all markers together
+  std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; taken as they are
+  std::uint64_t detections = 0;       ///< looks at the polarity frame
+  std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
+  std::uint64_t replayed = 0;         ///< events replayed into markers that began to be tracked
+  std::uint64_t lost = 0;             ///< of the registered
+};
+
+/// Everything that tracks markers but the detector: says when a look at the polarity frame is due, and is told at any
+/// time after it what was found. What `Tracker` is made of, for those who run the detector elsewhere. Between looks
+/// nothing throws or allocates.
+template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
+class TrackerCore {
+ public:
+  using Settings = TrackerSettings<Rule>;
+
+  /// @throws std::invalid_argument naming the setting that is out of range
+  template <CameraModel Camera>
+  TrackerCore(const Camera& camera, const Settings& settings, Filter filter)
+      : settings_(settings),
+        lines_(camera),
+        filter_(std::move(filter)),
+        frame_(camera.sensor_size()),
+        history_(settings.history_events) {
+    const auto require = [](bool good, const char* name, auto value) {
+      if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
+    };
+    require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
+    require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
+    require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
+    require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
+    require(settings.max_markers > 0, "max_markers", settings.max_markers);
+    markers_.reserve(settings.max_markers);
+    missing_.reserve(settings.max_markers);
+    poses_.reserve(settings.max_markers);
+  }
+
+  /// Takes one event: `poses()` are then those that it led to. False if it was discarded.
+  bool push(const Event& event) {
+    poses_.clear();
+    if (!count(event)) return false;
+    if (!filter_.accept(event)) {
+      ++statistics_.filtered;
+      return false;
+    }
+    ++passed_;
+    frame_.update(event);
+    history_.push(event);
+    for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.push(event);
+    for (FoundMarker<Rule>& marker : markers_)
+      if (const auto pose = marker.push(event)) deliver(*pose);
+    if (!poses_.empty()) drop_lost();
+    return true;
+  }
+
+  /// The poses since the last event was pushed, valid until the next one is.
+  std::span<const PoseEstimate> poses() const noexcept { return poses_; }
+  void clear_poses() noexcept { poses_.clear(); }
+
+  /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
+  bool look_due(Timestamp t) const noexcept {
+    const bool searching = markers_.empty() || !unconfirmed_.empty();
+    return passed_ >= settings_.min_events_per_detection && !awaited_ &&
+           time_for(t, searching ? settings_.search_interval : settings_.detection_interval);
+  }
+
+  /// What to ask the detector about the frame as it is now. From here on the answer is awaited.
+  Look look(Timestamp t) {
+    ++statistics_.detections;
+    last_look_ = t;
+    passed_ = 0;
+    awaited_ = true;
+    forget_missing(t);
+    Look look{
+        .t = t, .position = history_.pushed(), .focal_length = lines_.focal_length(), .unconfirmed = {}, .missing = {}};
+    for (const Unconfirmed& unconfirmed : unconfirmed_)
+      look.unconfirmed.push_back({unconfirmed.marker.id(), unconfirmed.marker.tracker().T_camera_marker()});
+    for (const Missing& missing : missing_)
+      look.missing.push_back({missing.marker.id(), missing.marker.tracker().pose_at(t).T_camera_marker});
+    return look;
+  }
+
+  /// Whether the answer is due, `detection_latency` after the look.
+  bool answer_due(Timestamp t) const noexcept { return awaited_ && time_for(t, settings_.detection_latency); }
+  bool answer_awaited() const noexcept { return awaited_; }
+  /// No answer will come to the look.
+  void give_up_look() noexcept { awaited_ = false; }
+
+  /// The answer to the look: announces the markers that were seen often enough, starts a tracker for every marker that
+  /// is not tracked yet, with the events since the look. Adds to `poses()`.
+  void take(const Findings& findings) {
+    awaited_ = false;
+    std::erase_if(missing_, [&](const Missing& missing) {
+      return std::ranges::any_of(findings.found | std::views::take(findings.detected),
+                                 [&](const auto& found) { return found.detection.id == missing.marker.id(); });
+    });
+    confirm(findings);
+    for (const Findings::Found& found : findings.found) {
+      if (tracked(found.detection)) continue;
+      if (markers_.size() + unconfirmed_.size() == settings_.max_markers) break;
+      start(found, findings.position);
+    }
+    drop_lost();
+  }
+
+  const TrackerStatistics& statistics() const noexcept { return statistics_; }
+  const PolarityFrame& polarity_frame() const noexcept { return frame_; }
+  /// The `MarkerTracker` of every marker that is being tracked.
+  auto markers() const noexcept {
+    return std::views::transform(
+        markers_, [](const auto& marker) -> const auto& { return marker.tracker(); });
+  }
+
+ private:
+  // Tracked since it was found; its poses are kept back until more looks have shown its code where the tracker has it.
+  struct Unconfirmed {
+    FoundMarker<Rule> marker;
+    int sightings = 1;
+    int looks = 1;
+  };
+
+  struct Missing {
+    FoundMarker<Rule> marker;
+    Timestamp since;
+  };
+
+  // Counts the event; false if it is not on the sensor.
+  bool count(const Event& event) noexcept {
+    ++statistics_.events;
+    statistics_.time_steps_back += event.t < last_t_;
+    last_t_ = event.t;
+    if (lines_.sensor_size().contains(event.x, event.y)) return true;
+    ++statistics_.off_sensor;
+    return false;
+  }
+
+  void deliver(const PoseEstimate& pose) {
+    poses_.push_back(pose);
+    if (pose.quality.state == TrackingState::lost)
+      ++statistics_.lost;
+    else
+      statistics_.matched += static_cast<std::uint64_t>(pose.quality.matched);
+  }
+
+  // A lost marker's id goes back to the detector.
+  void drop_lost() {
+    for (FoundMarker<Rule>& marker : markers_)
+      if (marker.lost() && missing_.size() < settings_.max_markers) missing_.push_back({std::move(marker), last_t_});
+    std::erase_if(markers_, [](const auto& marker) { return marker.lost(); });
+  }
+
+  // So much later than the last look, or before it: a step back in time must not stop the detection.
+  bool time_for(Timestamp t, std::chrono::microseconds wait) const noexcept {
+    return t < last_look_ || elapsed_us(last_look_, t) >= static_cast<std::uint64_t>(wait.count());
+  }
+
+  // A marker that was just lost is looked for where its motion must have taken it.
+  void forget_missing(Timestamp t) {
+    constexpr std::uint64_t kPredictable = 100000;  // [us]
+    std::erase_if(missing_, [&](const Missing& missing) { return elapsed_us(missing.since, t) > kPredictable; });
+  }
+
+  // Announces the markers that were seen often enough; the others have some looks left.
+  void confirm(const Findings& findings) {
+    constexpr int kPatience = 10;  // [looks]
+    std::size_t place = 0;         // nothing joins or leaves them while an answer is awaited
+    std::erase_if(unconfirmed_, [&](Unconfirmed& unconfirmed) {
+      auto& [marker, sightings, looks] = unconfirmed;
+      const bool shown = place < findings.confirmed.size() && findings.confirmed[place];
+      ++place;
+      if (marker.lost() || ++looks > kPatience) return true;
+      sightings += shown;
+      if (sightings < settings_.detections_to_confirm) return false;
+      deliver(marker.tracker().estimate());
+      announce(std::move(marker));
+      return true;
+    });
+  }
+
+  void announce(FoundMarker<Rule> marker) {
+    ++statistics_.registered;
+    markers_.push_back(std::move(marker));
+  }
+
+  void start(const Findings::Found& found, std::uint64_t position) {
+    FoundMarker<Rule> marker(lines_, found.model, found.detection, settings_.marker);
+    const bool confirmed = settings_.detections_to_confirm == 1;
+    history_.for_each_since(position, [&](const Event& event) {
+      ++statistics_.replayed;
+      if (const auto pose = marker.push(event); pose && confirmed) deliver(*pose);
+    });
+    if (confirmed)
+      announce(std::move(marker));
+    else
+      unconfirmed_.push_back({std::move(marker)});
+  }
+
+  // Whether the id is being tracked where it was found. A tracker that has had no update while its marker is seen
+  // elsewhere has lost it: nothing moved where it waits. One that was never confirmed has followed something else.
+  bool tracked(const MarkerDetection& detection) {
+    const auto unconfirmed = std::ranges::find(unconfirmed_, detection.id, [](const auto& u) { return u.marker.id(); });
+    if (unconfirmed != unconfirmed_.end()) {
+      if (same_place(detection, unconfirmed->marker.tracker().T_camera_marker())) return true;
+      unconfirmed_.erase(unconfirmed);
+      return false;
+    }
+    const auto marker = std::ranges::find(markers_, detection.id, &FoundMarker<Rule>::id);
+    if (marker == markers_.end()) return false;
+    const Timestamp seen = marker->tracker().estimate().t;
+    const bool silent = seen < detection.t && elapsed_us(seen, detection.t) >
+                                                  static_cast<std::uint64_t>(settings_.detection_interval.count());
+    if (!silent || same_place(detection, marker->tracker().T_camera_marker())) return true;
+    deliver(marker->tracker().lose());
+    markers_.erase(marker);
+    return false;
+  }
+
+  bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T) const noexcept {
+    return evmarker::same_place(detection, T, lines_.focal_length());
+  }
+
+  Settings settings_;
+  UndistortionTable lines_;
+  Filter filter_;
+  PolarityFrame frame_;
+  EventHistory history_;
+  std::vector<FoundMarker<Rule>> markers_;  // announced
+  std::vector<Unconfirmed> unconfirmed_;
+  std::vector<Missing> missing_;  // lost a short time ago
+  std::vector<PoseEstimate> poses_;
+  bool awaited_ = false;  // the answer to a look
+  Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
+  Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
+  int passed_ = 0;  // events through the filter since the last look
+  TrackerStatistics statistics_;
+};
+
+}  // namespace evmarker
