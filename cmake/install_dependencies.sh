@@ -6,6 +6,7 @@ packages=(
   g++ cmake ninja-build
   libeigen3-dev                         # the core
   libopencv-dev libopencv-contrib-dev   # evmarker::opencv
+  libreaderwriterqueue-dev              # evmarker::live
   libcli11-dev                          # examples
   doctest-dev libbenchmark-dev          # tests, benchmarks
   libapriltag-dev                       # one of the methods that evmarker_accuracy compares

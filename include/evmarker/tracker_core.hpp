@@ -149,6 +149,8 @@ class TrackerCore {
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
   const PolarityFrame& polarity_frame() const noexcept { return frame_; }
+  /// Time of the last event pushed [us].
+  Timestamp last_t() const noexcept { return last_t_; }
   /// The `MarkerTracker` of every marker that is being tracked.
   auto markers() const noexcept {
     return std::views::transform(

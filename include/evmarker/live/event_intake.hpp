@@ -1,0 +1,202 @@
+#pragma once
+// live. The bounded queue between a camera's thread and the tracking thread, and what happens where it is full.
+#include <readerwriterqueue/readerwritercircularbuffer.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <mutex>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker::live {
+
+using Clock = std::chrono::steady_clock;
+
+/// What to do with events that come faster than they are tracked. Whatever is dropped is counted.
+enum class OverloadPolicy {
+  block,        ///< `push` waits: for files, which can wait and must not lose anything
+  drop_oldest,  ///< the oldest in the queue make room: the poses stay recent, with gaps in between
+  thin          ///< the fuller the queue, the fewer are kept, evenly spread: poses all the time, from fewer events
+};
+
+/// Some events that were pushed together.
+struct EventBlock {
+  static constexpr std::size_t kCapacity = 256;
+  Clock::time_point pushed;
+  std::size_t size = 0;
+  std::array<Event, kCapacity> events;
+
+  std::span<const Event> span() const noexcept { return {events.data(), size}; }
+};
+
+/// Any threads push, one takes. All memory is allocated in the constructor.
+class EventIntake {
+ public:
+  /// @param capacity events in the queue at most; pushes of less than a block's events take the place of a block
+  /// @param gap camera time without events that counts as one
+  EventIntake(std::size_t capacity, OverloadPolicy policy, std::chrono::microseconds gap)
+      : policy_(policy),
+        gap_us_(static_cast<std::uint64_t>(gap.count())),
+        blocks_(capacity / EventBlock::kCapacity),
+        free_(std::max<std::size_t>(blocks_.size(), 1)),
+        full_(std::max<std::size_t>(blocks_.size(), 1)) {
+    if (blocks_.size() < 4)
+      throw std::invalid_argument("pipeline: queue_events is " + std::to_string(capacity) + ", less than " +
+                                  std::to_string(4 * EventBlock::kCapacity));
+    if (gap.count() <= 0) throw std::invalid_argument("pipeline: gap [us] is " + std::to_string(gap.count()));
+    for (EventBlock& block : blocks_) free_.try_enqueue(&block);
+  }
+
+  /// Takes in events, in order. Waits only with the policy `block`. All are dropped while closed.
+  template <EventLike E>
+  void push(std::span<const E> events) {
+    if (!open_) {  // without the lock, so that nobody keeps `clear` waiting
+      refused_ += events.size();
+      return;
+    }
+    const std::lock_guard lock(push_mutex_);
+    const auto now = Clock::now();
+    pushed_ += events.size();
+    while (!events.empty()) {
+      EventBlock* const block = open_ ? free_block() : nullptr;
+      if (block == nullptr) {
+        events = drop(events);
+        continue;
+      }
+      block->pushed = now;
+      events = fill(*block, events);
+      if (block->size > 0)
+        full_.try_enqueue(block);  // has room for all blocks that there are
+      else
+        spare_ = block;
+    }
+  }
+
+  /// The next events, or nothing in time. To be given back.
+  EventBlock* take(std::chrono::microseconds timeout) {
+    EventBlock* block = nullptr;
+    const std::lock_guard lock(take_mutex_);
+    return full_.wait_dequeue_timed(block, timeout) ? block : nullptr;
+  }
+
+  void give_back(EventBlock* block) { free_.try_enqueue(block); }
+
+  /// Begins anew, counters at zero, with nobody taking.
+  void open() {
+    const std::lock_guard lock(push_mutex_);
+    pushed_ = dropped_ = refused_ = time_steps_back_ = time_gaps_ = 0;
+    any_ = false;
+    open_ = true;
+  }
+
+  /// Drops what comes from now on. A `push` that waits returns within 10 ms.
+  void close() noexcept { open_ = false; }
+
+  /// Drops what is in the queue, with nobody taking.
+  void clear() {
+    const std::lock_guard lock(push_mutex_);
+    while (EventBlock* const block = take(std::chrono::microseconds(0))) {
+      count_dropped(block->size);
+      give_back(block);
+    }
+  }
+
+  void count_dropped(std::size_t events) noexcept { dropped_ += events; }
+
+  std::uint64_t pushed() const noexcept { return pushed_ + refused_; }
+  std::uint64_t dropped() const noexcept { return dropped_ + refused_; }
+  std::uint64_t time_steps_back() const noexcept { return time_steps_back_; }
+  std::uint64_t time_gaps() const noexcept { return time_gaps_; }
+  /// Camera time of the last event pushed [us].
+  Timestamp last_t() const noexcept { return last_t_; }
+
+ private:
+  using Queue = moodycamel::BlockingReaderWriterCircularBuffer<EventBlock*>;
+
+  // Room for events, made as the policy says, or nothing.
+  EventBlock* free_block() {
+    if (spare_ != nullptr) return std::exchange(spare_, nullptr);
+    EventBlock* block = nullptr;
+    while (!free_.try_dequeue(block)) {
+      if (policy_ == OverloadPolicy::thin || !open_) return nullptr;
+      if (policy_ == OverloadPolicy::block) {
+        if (free_.wait_dequeue_timed(block, std::chrono::milliseconds(5))) return block;
+        continue;
+      }
+      // The queue is for one taker at a time; it is full here, so that the other one does not wait in it.
+      const std::lock_guard lock(take_mutex_);
+      if (!full_.try_dequeue(block)) continue;
+      count_dropped(block->size);
+      return block;
+    }
+    return block;
+  }
+
+  // Returns what did not find room.
+  template <EventLike E>
+  std::span<const E> fill(EventBlock& block, std::span<const E> events) {
+    const double share = policy_ == OverloadPolicy::thin ? share_to_keep() : 1;
+    block.size = 0;
+    std::size_t i = 0;
+    for (; i < events.size() && block.size < EventBlock::kCapacity; ++i) {
+      const Event event = to_event(events[i]);
+      note_time(event.t);
+      thinning_ += share;
+      if (thinning_ < 1) continue;
+      thinning_ -= 1;
+      block.events[block.size++] = event;
+    }
+    count_dropped(i - block.size);
+    return events.subspan(i);
+  }
+
+  // All while less than a quarter of the queue is full, none when all of it is.
+  double share_to_keep() const noexcept {
+    const double full = static_cast<double>(full_.size_approx()) / static_cast<double>(blocks_.size());
+    return std::clamp((1 - full) / 0.75, 0.0, 1.0);
+  }
+
+  // A block's worth at a time: there may be room again after it.
+  template <EventLike E>
+  std::span<const E> drop(std::span<const E> events) {
+    const std::size_t count = std::min(events.size(), EventBlock::kCapacity);
+    for (const E& event : events.first(count)) note_time(EventTraits<E>::t(event));
+    count_dropped(count);
+    return events.subspan(count);
+  }
+
+  void note_time(Timestamp t) noexcept {
+    const Timestamp last = last_t_.load(std::memory_order_relaxed);
+    if (any_ && t < last) ++time_steps_back_;
+    if (any_ && t > last && elapsed_us(last, t) >= gap_us_) ++time_gaps_;
+    last_t_.store(t, std::memory_order_relaxed);
+    any_ = true;
+  }
+
+  OverloadPolicy policy_;
+  std::uint64_t gap_us_;
+  std::vector<EventBlock> blocks_;
+  Queue free_;  // from the taker to the pusher
+  Queue full_;  // from the pusher to the taker
+  std::mutex push_mutex_, take_mutex_;
+  EventBlock* spare_ = nullptr;
+  double thinning_ = 0;  // shares of events that are owed to the queue
+  bool any_ = false;
+  std::atomic<bool> open_{false};
+  // An event is counted as pushed before it is anything else. Those refused while closed are pushed and dropped at
+  // once.
+  std::atomic<std::uint64_t> pushed_{0}, dropped_{0}, refused_{0}, time_steps_back_{0}, time_gaps_{0};
+  std::atomic<Timestamp> last_t_{0};
+};
+
+}  // namespace evmarker::live

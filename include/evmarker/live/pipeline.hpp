@@ -1,0 +1,229 @@
+#pragma once
+// live. From a camera's events to poses, on threads.
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <ranges>
+#include <span>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "evmarker/live/detection_thread.hpp"
+#include "evmarker/live/event_intake.hpp"
+#include "evmarker/live/latency_histogram.hpp"
+#include "evmarker/live/published_state.hpp"
+#include "evmarker/live/status.hpp"
+#include "evmarker/tracker_core.hpp"
+
+namespace evmarker::live {
+
+template <PoseUpdateRule Rule = KalmanUpdate>
+struct PipelineSettings {
+  TrackerSettings<Rule> tracker{};
+  OverloadPolicy overload = OverloadPolicy::drop_oldest;
+  std::size_t queue_events = 1u << 17;  ///< waiting to be tracked at most, 16 bytes each
+  /// Tracking waits for the detector where it is not ready `tracker.detection_latency` of camera time after its look:
+  /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
+  bool wait_for_detector = false;
+  std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
+};
+
+/// Tracks markers in what a camera's thread pushes; a `Tracker` on two threads, one of which tracks while the other one
+/// detects. Every member may be called from any thread, but not `start`, `stop` and `flush` from the pose callback.
+template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
+class Pipeline {
+ public:
+  using Settings = PipelineSettings<Rule>;
+  using PoseCallback = std::function<void(const PoseEstimate&)>;
+
+  /// Starts at once.
+  /// @param on_pose called from the tracking thread with every pose, in order; while it runs, nothing is tracked
+  /// @throws std::invalid_argument naming the setting that is out of range
+  template <CameraModel Camera>
+  Pipeline(const Camera& camera, Detector detector, PoseCallback on_pose, const Settings& settings = {})
+      : Pipeline(camera, std::move(detector), std::move(on_pose), settings,
+                 Filter(camera.sensor_size(), settings.tracker.filter_window)) {}
+
+  /// The same with a filter of one's own.
+  template <CameraModel Camera>
+  Pipeline(const Camera& camera, Detector detector, PoseCallback on_pose, const Settings& settings, Filter filter)
+      : settings_(settings),
+        detector_(std::move(detector)),
+        on_pose_(std::move(on_pose)),
+        fresh_(camera, settings.tracker, std::move(filter)),
+        intake_(settings.queue_events, settings.overload, settings.gap) {
+    start();
+  }
+
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+  ~Pipeline() { halt(); }
+
+  /// Takes in events in the order of camera time; those of several threads are not mixed. All are dropped, and counted,
+  /// while the pipeline is stopped.
+  template <std::ranges::contiguous_range Events>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(const Events& events) { intake_.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
+  template <EventLike E>
+  void push(const E* begin, const E* end) {
+    intake_.push(std::span<const E>(begin, end));
+  }
+
+  /// Begins anew after `stop`: counters at zero, no marker known.
+  void start() {
+    const std::lock_guard control(control_);
+    if (thread_.joinable()) return;
+    for (LatencyHistogram* histogram : {&push_to_pose_, &queue_wait_, &detection_}) histogram->clear();
+    stopping_ = false;
+    poses_ = 0;
+    core_.emplace(fresh_);
+    detection_thread_.emplace(detector_, fresh_.polarity_frame().sensor_size(), settings_.tracker.history_events);
+    published_.start(intake_);
+    thread_ = std::thread([this] { run(); });
+  }
+
+  /// Stops within 100 ms, or as soon as the callback and the detector return. Events still in the queue are dropped,
+  /// and counted: `flush` before it to have them tracked.
+  /// @throws what the callback or the detector threw first since the start
+  void stop() {
+    const std::lock_guard control(control_);
+    halt();
+    if (const std::exception_ptr error = published_.take_error()) std::rethrow_exception(error);
+  }
+
+  /// Waits until all that was pushed before has been tracked, or the pipeline is stopped.
+  void flush() const {
+    while (published_.busy(intake_)) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  }
+
+  /// Whether to look for markers, from now on; without, those that are tracked stay so until they are lost.
+  void set_detection(bool on) noexcept { detection_on_ = on; }
+
+  Status status() const {
+    Status status = published_.status(intake_);
+    status.push_to_pose = push_to_pose_.summary();
+    status.queue_wait = queue_wait_.summary();
+    status.detection = detection_.summary();
+    return status;
+  }
+
+  /// From a pose's event being pushed to its delivery.
+  const LatencyHistogram& latency() const noexcept { return push_to_pose_; }
+
+  /// Every tracked marker's pose at a camera time, by the velocity of a rule that knows one: for a controller, at its
+  /// own rate, whether events come or not. Its covariance grows with its age, `t - quality.updated_t`. A marker that
+  /// has been tracked beyond `now` is told as it is.
+  std::vector<PoseEstimate> tick(Timestamp now) const { return published_.poses_at(now); }
+
+ private:
+  static constexpr std::chrono::milliseconds kPatience{5};  // until a thread looks whether it should stop
+
+  void halt() {
+    if (!thread_.joinable()) return;
+    if (thread_.get_id() == std::this_thread::get_id())
+      throw std::logic_error("pipeline: stopped from its own callback");
+    intake_.close();
+    stopping_ = true;
+    thread_.join();
+    detection_thread_.reset();
+    core_.reset();
+    intake_.clear();
+    published_.stop();
+  }
+
+  // The tracking thread.
+  void run() {
+    while (!stopping_) {
+      EventBlock* const block = intake_.take(kPatience);
+      if (!settings_.wait_for_detector) take_answer_between_events();
+      if (block != nullptr) {
+        track(*block);
+        intake_.give_back(block);
+      }
+      published_.publish(*core_, poses_);
+    }
+  }
+
+  void track(const EventBlock& block) {
+    queue_wait_.add(Clock::now() - block.pushed);
+    for (const Event& event : block.span()) {
+      if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(block.size - taken_of(block, event));
+      if (core_->push(event)) {
+        detection_thread_->add(event);
+        if (core_->look_due(event.t) && detection_on_)
+          detection_thread_->look(core_->look(event.t), core_->polarity_frame());
+        if (settings_.wait_for_detector && core_->answer_due(event.t)) wait_for_answer();
+      }
+      deliver(block.pushed);
+    }
+  }
+
+  static std::size_t taken_of(const EventBlock& block, const Event& next) noexcept {
+    return static_cast<std::size_t>(&next - block.events.data());
+  }
+
+  void wait_for_answer() {
+    while (core_->answer_awaited() && !stopping_) take_answer(kPatience);
+  }
+
+  // Between events: the poses that it leads to have no event whose way could be timed.
+  void take_answer_between_events() {
+    core_->clear_poses();
+    take_answer(std::chrono::microseconds(0));
+    deliver(std::nullopt);
+  }
+
+  // The findings of the look that is going on, if they are there in time.
+  void take_answer(std::chrono::microseconds timeout) {
+    if (!core_->answer_awaited()) return;
+    const auto* const answer = detection_thread_->answer(timeout);
+    if (answer == nullptr) return;
+    detection_.add(answer->took);
+    try {
+      if (answer->error) std::rethrow_exception(answer->error);
+      core_->take(answer->findings);
+    } catch (...) {
+      core_->give_up_look();
+      published_.keep_error(&Status::detector_errors);
+    }
+  }
+
+  void deliver(std::optional<Clock::time_point> pushed) {
+    for (const PoseEstimate& pose : core_->poses()) {
+      if (stopping_.load(std::memory_order_relaxed)) return;
+      if (pushed) push_to_pose_.add(Clock::now() - *pushed);
+      ++poses_;
+      if (!on_pose_) continue;
+      try {
+        on_pose_(pose);
+      } catch (...) {
+        published_.keep_error(&Status::callback_errors);
+      }
+    }
+  }
+
+  Settings settings_;
+  Detector detector_;
+  PoseCallback on_pose_;
+  const TrackerCore<Rule, Filter> fresh_;  // as it is at every start
+  EventIntake intake_;
+  LatencyHistogram push_to_pose_, queue_wait_, detection_;
+  std::atomic<bool> stopping_{false}, detection_on_{true};
+
+  std::mutex control_;  // of start and stop
+  PublishedState<Rule> published_;
+
+  // While it runs, of the tracking thread alone:
+  std::optional<TrackerCore<Rule, Filter>> core_;
+  std::optional<DetectionThread<Detector>> detection_thread_;
+  std::uint64_t poses_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace evmarker::live
