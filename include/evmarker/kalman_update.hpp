@@ -1,45 +1,19 @@
 #pragma once
 // Floor 4. Our rule: coupled point-to-line Kalman filter with velocity and edge offset.
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <string>
 
+#include "evmarker/kalman_settings.hpp"
 #include "evmarker/pose_update.hpp"
 #include "evmarker/so3.hpp"
+#include "evmarker/symmetric.hpp"
 
 namespace evmarker {
-
-/// Noise of the motion and of the events.
-struct KalmanSettings {
-  /// The events that an edge makes at one pixel err together: each counts as if their measured spread about the edge
-  /// was so many times larger.
-  double inflation = 1.8;
-  double robust_px = 1;  ///< residuals beyond this count less and less (Cauchy weights)
-  /// White acceleration of the marker's edges, at rest [m^2/s^3]. In motion speed^3 / turning_distance_m is added: a
-  /// hand changes its velocity within a distance, not within a time, and events come by distance too.
-  double acceleration_noise = 2;
-  double turning_distance_m = 0.02;
-  /// A hand turns a marker less than it carries it: share of that noise in which the edges move by rotation, on top of
-  /// the noise that the rotation's own speed brings.
-  double rotation_share = 0.5;
-  double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
-  double offset_drift_px = 0.1;     ///< random walk of the edge offset in a second [px]
-  /// A sensor's unknown delay: shifts the pose along its motion, unseen by the filter. Enters the information only.
-  double latency_sigma_s = 2e-4;
-  double trail_sigma_px = 0.1;  ///< likewise in pixels: an event comes only when a whole contrast step has passed
-  /// The noise above is more than there is on average, so that a sudden turn or wrong events are survived; the poses
-  /// err by less. Share of the filter's own covariance that is told.
-  double covariance_scale = 0.2;
-  double initial_sigma_t_m = 0.01;  ///< of the pose that tracking starts from
-  double initial_sigma_r_rad = 0.1;
-  double initial_sigma_v_m_s = 0.5;
-  double initial_sigma_w_rad_s = 3;
-  double initial_sigma_offset_px = 0.3;
-};
 
 /// Error-state filter over [translation, rotation, velocity, angular velocity, edge offset], perturbations as in
 /// PoseEstimate. The edge offset is how far [px] on the dark side of an edge its events lie on average: pixels fire on
@@ -71,30 +45,26 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    Vector13 sigma;
-    sigma << Eigen::Vector3d::Constant(settings.initial_sigma_t_m),
-        Eigen::Vector3d::Constant(settings.initial_sigma_r_rad),
-        Eigen::Vector3d::Constant(settings.initial_sigma_v_m_s),
-        Eigen::Vector3d::Constant(settings.initial_sigma_w_rad_s), settings.initial_sigma_offset_px;
-    P_ = sigma.cwiseAbs2().asDiagonal();
+    P_qq_.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)), squared(settings.initial_sigma_offset_px);
+    P_vv_.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
   }
 
   /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
   void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
-    Vector7 J;
-    J.head<3>() = c.gradient;
-    J.segment<3>(3) = lever.cross(c.gradient);
-    J(6) = c.dark_side_known ? 1 : 0;
-    const double residual = c.distance_px - J(6) * offset_px_;
-    if (!std::isfinite(residual * residual * J.squaredNorm() * lever.squaredNorm())) return;  // would stay for ever
-    const double ratio = residual / settings_.robust_px;
-    const double weight = 1 / (1 + ratio * ratio);
-    H_.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
-    b_ += weight * residual * J;
-    spread2_px_ += 0.001 * (residual * residual - spread2_px_);
-    lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever.squaredNorm() - lever2_);
-    px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (c.gradient.squaredNorm() - px_per_m2_);
+    const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
+    const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
+    const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
+    if (!std::isfinite(residual2 * (gradient2 + turning.squaredNorm()) * lever2)) return;  // it would stay for ever
+    const double robust2 = settings_.robust_px * settings_.robust_px;
+    const double weight = robust2 / (robust2 + residual2);
+    const Vector8 row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
+                      residual);
+    sum_of_squares(weight * row, row);
+    spread2_px_ += 0.001 * (residual2 - spread2_px_);
+    lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever2 - lever2_);
+    px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (gradient2 - px_per_m2_);
     since_s_ += seconds_since_update(c.t);
     ++events_;
   }
@@ -105,43 +75,50 @@ class KalmanUpdate {
     t_ = t;
     started_ = true;
     const Vector6d moved = predict(mean_dt);
-    since_s_ = events_ = 0;
 
-    // Information of the events about [pose, offset]; their residuals refer to the pose before the prediction.
+    // Information H and b of the events about q; their residuals refer to the pose before the prediction.
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
-    const double per_event = 1 / (settings_.inflation * settings_.inflation * std::max(spread2_px_, kPixelVariance));
-    const Matrix7 H = per_event * Matrix7(H_.selfadjointView<Eigen::Lower>());
-    Vector7 b = per_event * b_;
-    b -= H.leftCols<6>() * moved;
-    H_.setZero();
-    b_.setZero();
+    const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
+    Matrix7 H;
+    Vector7 b;
+    for (int i = 0; i < 7; ++i) b(i) = per_event * squares_(7, i);
+    for (int i = 0; i < 7; ++i)
+      for (int j = 0; j <= i; ++j) H(i, j) = H(j, i) = per_event * squares_(i, j);
+    forget_events();
+    for (int j = 0; j < 7; ++j)
+      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * moved(i);
 
-    // P <- (P^-1 + C^T H C)^-1 without inverting P or H: both may be singular. C picks pose and offset.
-    Eigen::Matrix<double, kStates, 7> PC;
-    PC << P_.leftCols<6>(), P_.rightCols<1>();
-    Matrix7 CPC;
-    CPC << PC.topRows<6>(), PC.bottomRows<1>();
-    const Matrix7 L = CPC.llt().matrixL();
-    const Eigen::LLT<Matrix7> innovation(Matrix7::Identity() + L.transpose() * H * L);
-    // K maps information to state: P C^T (I + H C P C^T)^-1 = PC L^-T (I + L^T H L)^-1 L^T
-    const Eigen::Matrix<double, kStates, 7> G =
-        L.triangularView<Eigen::Lower>().solve(PC.transpose()).transpose();  // PC L^-T
-    const Vector13 delta = G * innovation.solve(L.transpose() * b);
-    // P - K H C P as a square, so that rounding leaves it positive, plus the part of the velocity's variance that pose
-    // and offset do not explain.
-    const Eigen::Matrix<double, 7, kStates> root = innovation.matrixL().solve(G.transpose());
-    Matrix13 P = root.transpose() * root;
-    P.block<6, 6>(6, 6) += P_.block<6, 6>(6, 6) - G.middleRows<6>(6) * G.middleRows<6>(6).transpose();
+    // q: P_qq <- (P_qq^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
+    Matrix7 P_qq = P_qq_;
+    bool good = invert_lower(P_qq);
+    for_lower<7>([&](int i, int j) { P_qq(i, j) += H(i, j); });
+    good = invert_lower(P_qq) && good;
+    mirror_lower(P_qq);
+    const Matrix67 P_vq_H = product(P_vq_, H);
+    const Matrix67 P_vq = P_vq_ - product(P_vq_H, P_qq);
+    Matrix6d P_vv = P_vv_;
+    for (int k = 0; k < 7; ++k)
+      for (int j = 0; j < 6; ++j) P_vv.col(j) -= P_vq(j, k) * P_vq_H.col(k);
+    Vector7 dq = Vector7::Zero();
+    Vector6d dv = Vector6d::Zero();
+    for (int k = 0; k < 7; ++k) {
+      for (int i = 0; i < 7; ++i) dq(i) += P_qq(i, k) * b(k);
+      dv += b(k) * P_vq.col(k);
+    }
     Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + delta.segment<6>(6);
-    perturb(T, moved + delta.head<6>() + carried(dt - mean_dt) * twist);
-    if (!delta.allFinite() || !P.allFinite() || !T.matrix().allFinite()) return false;
+    const Vector6d twist = twist_ + dv;
+    const double lead_s = dt - mean_dt;
+    perturb(T, moved + dq.head<6>() + carried(lead_s) * twist);
+    // Whatever is not finite in any of the blocks has come down to these.
+    if (!good || !std::isfinite(dq.sum() + dv.sum() + P_vv.trace() + T.matrix().sum())) return false;
 
-    P_ = P;
+    P_qq_ = P_qq;
+    P_vq_ = P_vq;
+    P_vv_ = P_vv;
     T_camera_marker = T;
     twist_ = twist;
-    lead_s_ = dt - mean_dt;
-    offset_px_ += delta(12);
+    lead_s_ = lead_s;
+    offset_px_ += dq(6);
     return true;
   }
 
@@ -154,82 +131,134 @@ class KalmanUpdate {
   }
 
   void reverse() noexcept {
-    H_.setZero();
-    b_.setZero();
-    since_s_ = events_ = 0;
+    forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.block<6, 6>(0, 6) *= -1;
-    P_.block<6, 6>(6, 0) *= -1;
-    P_.block<1, 6>(12, 6) *= -1;
-    P_.block<6, 1>(6, 12) *= -1;
+    P_vq_ = -P_vq_;
   }
 
   Matrix6d information() const noexcept {
-    KalmanUpdate now = *this;
-    now.predict(0);
-    const double speed = this->speed();
+    const double carried = this->carried(lead_s_);
+    const Matrix6d P_vp = P_vq_.leftCols<6>();
+    const Noise noise = this->noise(std::abs(lead_s_));
+    Matrix6d P = P_qq_.topLeftCorner<6, 6>() + carried * (P_vp + P_vp.transpose() + carried * P_vv_);
+    P.diagonal() += noise.along(noise.pose);
+    const double speed = this->speed(rotation_speed());
     const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
-    const Vector6d delay = std::hypot(settings_.latency_sigma_s, trail_s) * twist_;
-    const Matrix6d covariance =
-        settings_.covariance_scale * now.P_.topLeftCorner<6, 6>() + delay * delay.transpose();
-    return covariance.llt().solve(Matrix6d::Identity());
+    const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
+    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + delay_s2 * twist_(i) * twist_;
+    invert_lower(P);
+    mirror_lower(P);
+    return P;
   }
   std::optional<Vector6d> twist() const noexcept { return twist_; }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return offset_px_; }
 
  private:
-  static constexpr int kStates = 13;
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
+  using Vector8 = Eigen::Matrix<double, 8, 1>;
   using Vector7 = Eigen::Matrix<double, 7, 1>;
   using Matrix7 = Eigen::Matrix<double, 7, 7>;
-  using Vector13 = Eigen::Matrix<double, kStates, 1>;
-  using Matrix13 = Eigen::Matrix<double, kStates, kStates>;
+  using Matrix8 = Eigen::Matrix<double, 8, 8>;
+  using Matrix67 = Eigen::Matrix<double, 6, 7>;
+
+  static constexpr double squared(double x) noexcept { return x * x; }
+
+  // squares_ += a b^T in the lower triangle, by two columns.
+  void sum_of_squares(const Vector8& a, const Vector8& b) noexcept {
+    squares_.col(0) += b(0) * a;
+    squares_.col(1) += b(1) * a;
+    squares_.col(2).tail<6>() += b(2) * a.tail<6>();
+    squares_.col(3).tail<6>() += b(3) * a.tail<6>();
+    squares_.col(4).tail<4>() += b(4) * a.tail<4>();
+    squares_.col(5).tail<4>() += b(5) * a.tail<4>();
+    squares_.col(6).tail<2>() += b(6) * a.tail<2>();
+    squares_.col(7).tail<2>() += b(7) * a.tail<2>();
+  }
+
+  static Matrix67 product(const Matrix67& A, const Matrix7& B) noexcept {
+    Matrix67 AB;
+    for (int j = 0; j < 7; ++j) {
+      Vector6d column = B(0, j) * A.col(0);
+      for (int k = 1; k < 7; ++k) column += B(k, j) * A.col(k);
+      AB.col(j) = column;
+    }
+    return AB;
+  }
+
+  void forget_events() noexcept {
+    squares_.setZero();
+    since_s_ = events_ = 0;
+  }
 
   static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
     T.translation() += step.head<3>();
-    T.linear() = orthonormalized(so3_exp(step.tail<3>()) * T.linear());
+    T.linear() = rotated(T.linear(), step.tail<3>());
   }
 
   double seconds_since_update(Timestamp t) const noexcept {
     return started_ && t > t_ ? 1e-6 * (static_cast<double>(t) - static_cast<double>(t_)) : 0;
   }
 
+  // 1 - exp(-x) for x >= 0: the share of the velocity that fades.
+  static double faded(double x) noexcept {
+    if (x < 1.0 / 32) [[likely]]  // the next term is under 1e-14 of the sum
+      return x * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6 * (1 - x / 7))))));
+    return -std::expm1(-x);
+  }
+
   // Integral of the fading velocity; a time before now is as uncertain as one after it.
   double carried(double dt) const noexcept {
     const double tau = settings_.velocity_memory_s;
-    return std::copysign(tau * std::expm1(-std::abs(dt) / tau), dt);
+    return std::copysign(tau * faded(std::abs(dt) / tau), dt);
   }
 
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
-  double rotation_speed() const noexcept { return std::sqrt(lever2_) * twist_.tail<3>().norm(); }
-  double speed() const noexcept { return twist_.head<3>().norm() + rotation_speed(); }
+  double rotation_speed() const noexcept { return std::sqrt(lever2_ * twist_.tail<3>().squaredNorm()); }
+  double speed(double rotation_speed) const noexcept { return twist_.head<3>().norm() + rotation_speed; }
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
+
+  // White acceleration of a velocity that fades, integrated: for short times q dt^3 / 3, q dt^2 / 2 and q dt.
+  struct Noise {
+    double q_translation, q_rotation;
+    double pose, pose_velocity, velocity;  // for q = 1
+    Vector6d along(double value) const noexcept {
+      const double t = value * q_translation, r = value * q_rotation;
+      return {t, t, t, r, r, r};
+    }
+  };
+
+  Noise noise(double dt) const noexcept {
+    const double rotation_speed = this->rotation_speed();
+    const double q_translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
+    const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed);
+    const double tau = settings_.velocity_memory_s, x = dt / tau, f = faded(x);
+    return {q_translation, q_edges / std::max(lever2_, kSmallestLever2),
+            tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
+  }
 
   // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
   // of the pose.
   Vector6d predict(double after_pose_s) noexcept {
-    const double carried = this->carried(lead_s_ + after_pose_s);
-    const double dt = std::abs(lead_s_ + after_pose_s), tau = settings_.velocity_memory_s;
-    const double faded = -std::expm1(-dt / tau), faded2 = -std::expm1(-2 * dt / tau);
-    const double kept = 1 - faded;
-    Matrix13 F = Matrix13::Identity();
-    F.block<6, 6>(0, 6).diagonal().setConstant(carried);
-    F.block<6, 6>(6, 6).diagonal().setConstant(kept);
-    P_ = F * P_ * F.transpose();
-    const double q_translation = settings_.acceleration_noise + turning_noise(speed());
-    const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed());
-    const double q_rotation = q_edges / std::max(lever2_, kSmallestLever2);
-    for (int axis = 0; axis < 6; ++axis) {
-      const double q = axis < 3 ? q_translation : q_rotation;
-      // White acceleration of a velocity that fades, integrated: for short times q dt^3 / 3, q dt^2 / 2 and q dt.
-      P_(axis, axis) += q * tau * tau * std::max(0.0, dt - 2 * tau * faded + tau / 2 * faded2);
-      P_(axis, axis + 6) += q * carried * std::abs(carried) / 2;
-      P_(axis + 6, axis) += q * carried * std::abs(carried) / 2;
-      P_(axis + 6, axis + 6) += q * tau / 2 * faded2;
-    }
-    P_(12, 12) += settings_.offset_drift_px * settings_.offset_drift_px * dt;
+    const double dt = lead_s_ + after_pose_s, carried = this->carried(dt);
+    const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
+    const Noise noise = this->noise(std::abs(dt));
+    // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
+    const Matrix6d P_vp = P_vq_.leftCols<6>();
+    const Matrix6d P_vp_moved = P_vp + carried * P_vv_;
+    const Vector6d P_po = P_qq_.col(6).head<6>() + carried * P_vq_.col(6);
+    P_qq_.topLeftCorner<6, 6>() += carried * (P_vp.transpose() + P_vp_moved);
+    P_qq_.col(6).head<6>() = P_po;
+    P_qq_.row(6).head<6>() = P_po.transpose();
+    P_vq_.leftCols<6>() = kept * P_vp_moved;
+    P_vq_.col(6) *= kept;
+    P_vv_ *= kept * kept;
+
+    P_qq_.diagonal().head<6>() += noise.along(noise.pose);
+    P_vq_.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
+    P_vv_.diagonal() += noise.along(noise.velocity);
+    P_qq_(6, 6) += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
     twist_ *= kept;
     lead_s_ = 0;
@@ -237,15 +266,17 @@ class KalmanUpdate {
   }
 
   Settings settings_;
-  Matrix13 P_;
+  // Covariance by blocks: q is what events tell of, pose and edge offset; v the velocity.
+  Matrix7 P_qq_ = Matrix7::Zero();
+  Matrix67 P_vq_ = Matrix67::Zero();
+  Matrix6d P_vv_ = Matrix6d::Zero();
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
-  Matrix7 H_ = Matrix7::Zero();  // lower triangle: sum of w J J^T
-  Vector7 b_ = Vector7::Zero();  // sum of w J d
-  double spread2_px_ = 1;        // running mean of the squared residuals [px^2]
-  double lever2_ = 0;            // running mean of |E - T|^2 [m^2], 0 before the first event
-  double px_per_m2_ = 0;         // running mean of |gradient|^2 [px^2/m^2]
-  double since_s_ = 0;           // sum of the events' times since the last update [s]
+  Matrix8 squares_ = Matrix8::Zero();  // lower triangle: sum of w [J; d] [J; d]^T
+  double spread2_px_ = 1;              // running mean of the squared residuals [px^2]
+  double lever2_ = 0;                  // running mean of |E - T|^2 [m^2], 0 before the first event
+  double px_per_m2_ = 0;               // running mean of |gradient|^2 [px^2/m^2]
+  double since_s_ = 0;                 // sum of the events' times since the last update [s]
   double events_ = 0;
   double lead_s_ = 0;  // the filter's state is as old as the mean of its last events; the pose is so much newer
   Timestamp t_ = 0;    // of the pose
