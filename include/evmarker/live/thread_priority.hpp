@@ -10,8 +10,8 @@ namespace evmarker::live {
 /// this one starts inherit it.
 inline void lower_priority_of_this_thread() noexcept {
 #ifdef __linux__
-  constexpr int kNice = 10;
-  setpriority(PRIO_PROCESS, 0, kNice);  // of the calling thread: Linux has a priority for each
+  constexpr int kNicer = 10;
+  setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kNicer);  // Linux has one for each thread: this one's
 #endif
 }
 
