@@ -1,0 +1,174 @@
+#include <doctest/doctest.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <new>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "evmarker/decoupled_update.hpp"
+#include "evmarker/kalman_update.hpp"
+#include "evmarker/marker_tracker.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/tracker.hpp"
+#include "simulated.hpp"
+
+namespace {
+
+std::atomic<std::size_t> allocations{0}, deallocations{0};
+
+void* counted(std::size_t size, std::size_t alignment) {
+  ++allocations;
+  const std::size_t rounded = (size + alignment - 1) / alignment * alignment;
+  void* const memory = std::aligned_alloc(alignment, rounded > 0 ? rounded : alignment);
+  if (memory == nullptr) throw std::bad_alloc();
+  return memory;
+}
+
+void freed(void* memory) noexcept {
+  deallocations += memory != nullptr;
+  std::free(memory);
+}
+
+}  // namespace
+
+void* operator new(std::size_t size) { return counted(size, __STDCPP_DEFAULT_NEW_ALIGNMENT__); }
+void* operator new[](std::size_t size) { return counted(size, __STDCPP_DEFAULT_NEW_ALIGNMENT__); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return counted(size, static_cast<std::size_t>(alignment));
+}
+void* operator new[](std::size_t size, std::align_val_t alignment) {
+  return counted(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept { freed(memory); }
+void operator delete[](void* memory) noexcept { freed(memory); }
+void operator delete(void* memory, std::size_t) noexcept { freed(memory); }
+void operator delete[](void* memory, std::size_t) noexcept { freed(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { freed(memory); }
+void operator delete[](void* memory, std::align_val_t) noexcept { freed(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { freed(memory); }
+void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept { freed(memory); }
+
+using namespace evmarker;
+
+namespace {
+
+// What goes through `new`: containers, and whatever a later change may bring. Eigen takes memory past it, for matrices
+// of dynamic size only.
+struct Count {
+  std::size_t before = allocations, freed_before = deallocations;
+  std::size_t taken() const { return allocations - before; }
+  std::size_t given_back() const { return deallocations - freed_before; }
+};
+
+constexpr std::size_t kEvents = 1'000'000;
+
+// Filtered events of 1.2 s, long enough for a million pushes when they are gone through again and again.
+struct Recording {
+  Trajectory motion = simulated::near_motion(71);
+  std::vector<Event> events = simulated::near_events(motion, 1.2, 71);
+  std::vector<Event> filtered;
+  Recording() {
+    SpatiotemporalFilter filter(simulated::camera.sensor_size());
+    for (const Event& event : events)
+      if (filter.accept(event)) filtered.push_back(event);
+  }
+};
+
+const Recording& recording() {
+  static const Recording recording;
+  return recording;
+}
+
+// Finds the marker at its first look, wherever it is then.
+struct FirstLook {
+  bool looked = false;
+  std::size_t* looks;
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+    ++*looks;
+    std::vector<MarkerDetection> detections;
+    if (std::exchange(looked, true)) return detections;
+    MarkerDetection detection;
+    detection.id = 7;
+    detection.t = frame.t();
+    detection.T_camera_marker = recording().motion(1e-6 * static_cast<double>(frame.t()));
+    for (std::size_t corner = 0; corner < 4; ++corner)
+      detection.corners_px[corner] = simulated::camera.project(
+          detection.T_camera_marker * make_square_marker(simulated::kMarkerLength).vertices[corner]);
+    detections.push_back(detection);
+    return detections;
+  }
+  MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
+};
+
+}  // namespace
+
+TEST_CASE("the counter counts") {
+  const Count count;
+  {
+    std::vector<double> numbers(static_cast<std::size_t>(std::rand() % 2 + 5));
+    numbers.front() = 1;
+  }
+  CHECK(count.taken() == 1);
+  CHECK(count.given_back() == 1);
+}
+
+TEST_CASE_TEMPLATE("a million events through a marker's tracker, verification included, without an allocation", Rule,
+                   DecoupledUpdate, KalmanUpdate) {
+  for (const int n : {1, 100}) {
+    CAPTURE(n);
+    const auto& events = recording().filtered;
+    REQUIRE(events.size() > 100'000);
+    const MarkerTracker<Rule> start(simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()),
+                                    recording().motion(0), {.events_per_update = n});
+    std::size_t pushed = 0, poses = 0, lost = 0, verifications = 0;
+    while (pushed < kEvents) {
+      MarkerTracker<Rule> tracker = start;  // the recording once more
+      Timestamp verified = 0;
+      const Count count;
+      for (const Event& event : events) {
+        const auto pose = tracker.push(event);
+        if (!pose) continue;
+        ++poses;
+        lost += pose->quality.state == TrackingState::lost;
+        verifications += pose->quality.backtrack_t != std::exchange(verified, pose->quality.backtrack_t);
+      }
+      pushed += events.size();
+      REQUIRE(count.taken() == 0);
+      REQUIRE(count.given_back() == 0);
+      CHECK(tracker.state() == TrackingState::tracking);
+    }
+    CHECK(pushed >= kEvents);
+    CHECK(poses > pushed / static_cast<std::size_t>(2 * n));
+    CHECK(verifications > 100);
+    CHECK(lost == 0);
+  }
+}
+
+TEST_CASE("a million events through the tracker of all markers without an allocation between its looks") {
+  std::size_t pushed = 0, poses = 0, looks = 0;
+  while (pushed < kEvents) {
+    Tracker<FirstLook> tracker(simulated::camera, FirstLook{.looks = &looks},
+                               {.detection_latency = std::chrono::milliseconds(3), .detections_to_confirm = 1});
+    std::size_t before = 0, allocating_pushes = 0, looks_seen = looks, settled_poses = 0;
+    for (const Event& event : recording().events) {
+      const Count count;
+      const std::span<const PoseEstimate> found = tracker.push(event);
+      ++pushed;
+      poses += found.size();
+      const bool looked = looks != std::exchange(looks_seen, looks);
+      const std::size_t tracked = tracker.statistics().registered;
+      const bool began = tracked != std::exchange(before, tracked);
+      if (!looked && !began) {
+        allocating_pushes += count.taken() > 0 || count.given_back() > 0;
+        settled_poses += found.size();
+      }
+    }
+    REQUIRE(tracker.statistics().registered == 1);
+    CHECK(allocating_pushes == 0);
+    CHECK(settled_poses > 500);
+  }
+  CHECK(looks > 50);
+  CHECK(poses > 1000);
+}
