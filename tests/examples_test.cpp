@@ -34,7 +34,8 @@ namespace {
 const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICKSTART},
                                                    {"simulate", EVMARKER_SIMULATE},
                                                    {"track_file", EVMARKER_TRACK_FILE},
-                                                   {"evaluate", EVMARKER_EVALUATE}};
+                                                   {"evaluate", EVMARKER_EVALUATE},
+                                                   {"replay", EVMARKER_REPLAY}};
 const std::string kOptions = " --camera camera.yml --marker-length 0.10";
 const char* const kPoseHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
@@ -204,6 +205,56 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
                       [&](const cv::Vec3b& pixel) { return pixel != background; }) > 10000);
   CHECK_FALSE(std::filesystem::exists(folder / "poses.csv.part"));
   CHECK_FALSE(std::filesystem::exists(folder / "overlay.png.part"));
+}
+
+TEST_CASE("examples: replay plays a recording at its own pace, tracks it and accounts for every event") {
+  if (kPrograms.at("replay").empty()) {
+    MESSAGE("skipped: built without the component live");
+    return;
+  }
+  const TemporaryFolder& folder = simulated();
+  const auto start = std::chrono::steady_clock::now();
+  const Result result = run(folder, "replay recording.raw" + kOptions + " --speed 0.5 --policy block --poses live.csv");
+  const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  CHECK(result.err.empty());
+  CHECK(wall.count() > 1.1);  // 0.6 s at half speed
+  CHECK(contains(result.out, "latency from push to pose"));
+
+  const auto lines = split(result.out, '\n');
+  std::map<std::string, double> told;
+  REQUIRE(lines.back().starts_with("latency_us "));
+  for (const std::string& field : split(lines.back().substr(11), ' '))
+    told[field.substr(0, field.find('='))] = std::stod(field.substr(field.find('=') + 1));
+  REQUIRE(told.size() == 7);
+  CHECK(told["p50"] > 0);
+  CHECK(told["p50"] <= told["p99"]);
+  CHECK(told["p99"] <= told["max"]);
+  const Result offline = run(folder, "track_file recording.raw" + kOptions);
+  CHECK_MESSAGE(contains(offline.out, std::to_string(static_cast<int>(told["events"])) + " read"), offline.out);
+  CHECK(told["filtered"] > 0);
+  CHECK(told["filtered"] < told["events"]);
+  CHECK(told["dropped"] == 0);
+
+  const auto poses = read_table(read_file(folder / "live.csv")), truth = read_table(simulated_file("truth.csv"));
+  CHECK(told["poses"] == static_cast<double>(poses.size()));
+  for (const Row& pose : poses) CHECK(pose.id == "7");
+  const MeanError error = mean_tracking_error(poses, truth);
+  REQUIRE(error.poses > 500);
+  CHECK(error.mm < 6);
+  CHECK(error.deg < 2.5);
+
+  for (const auto& [option, part] : std::map<std::string, std::string>{{" --policy all", "--policy"},
+                                                                       {" --speed 0", "--speed"},
+                                                                       {" --queue-events 10", "--queue-events"},
+                                                                       {" --output missing/o.csv", "missing/o.csv"}}) {
+    const Result bad = run(folder, "replay recording.raw" + kOptions + option);
+    CAPTURE(bad.err);
+    CHECK(bad.code > 0);
+    CHECK(std::ranges::count(bad.err, '\n') == 1);
+    CHECK(contains(bad.err, part));
+    CHECK(bad.out.empty());
+  }
 }
 
 TEST_CASE("examples: a board of markers is simulated and tracked as one") {
