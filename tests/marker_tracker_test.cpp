@@ -89,7 +89,7 @@ TEST_CASE("the outline alone is tracked too, only less well") {
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = filtered(simulated::near_events(motion, 0.15, 43));
-  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000});
+  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000, .capture = std::nullopt});
   int poses = 0;
   for (const Event& event : events) {
     const auto pose = tracker.push(event);

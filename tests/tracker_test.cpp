@@ -141,7 +141,7 @@ TEST_CASE("a detection must be confirmed, an id is tracked once, and a full hous
   const auto a = track(eager, events), b = track(careful, events);
   REQUIRE(!a.empty());
   REQUIRE(!b.empty());
-  CHECK(b.front().t - a.front().t > 35000);  // four looks of 10 ms
+  CHECK(b.front().t - a.front().t > 19000);  // four looks of 5 ms
   CHECK(eager.statistics().registered == 1);
   CHECK(eager.markers().size() == 1);
 }

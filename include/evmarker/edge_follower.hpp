@@ -79,6 +79,13 @@ class EdgeFollower {
     return {match, update(t), correspondence.segment};
   }
 
+  /// Goes on from another pose, with what the rule has learned so far.
+  void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
+    T_camera_marker_ = T_camera_marker;
+    in_front_ = matcher_.project(T_camera_marker_);
+    start_collecting();
+  }
+
   /// Prepares to be fed the past, newest event first, with times that go on forward.
   void reverse() noexcept {
     rule_.reverse();

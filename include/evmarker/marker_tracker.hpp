@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "evmarker/capture.hpp"
 #include "evmarker/edge_coverage.hpp"
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
@@ -29,6 +30,7 @@ struct MarkerTrackerSettings {
   double min_matched_fraction = 0.45;   ///< of the events near the edges; below: it follows something else, lost
   int matched_fraction_events = 500;    ///< about how many events that fraction is averaged over
   double max_silent_share = 0.35;       ///< of the edges' motion that makes no events; above: it is hidden, lost
+  std::optional<CaptureSettings> capture = CaptureSettings{};  ///< first look for the marker near its start pose
 };
 
 /// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
@@ -58,6 +60,7 @@ class MarkerTracker {
       throw std::invalid_argument("min_matched_fraction is " + std::to_string(settings.min_matched_fraction));
     if (settings.matched_fraction_events < 1)
       throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
+    if (settings.capture) capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
     if (!(settings.max_silent_share > 0 && settings.max_silent_share <= 1))
       throw std::invalid_argument("max_silent_share is " + std::to_string(settings.max_silent_share));
   }
@@ -69,7 +72,10 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
     const Eigen::Vector2d m = lines_(event);
-    const auto [match, updated, segment] = follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
+    if (capture_) [[unlikely]]
+      return capture(event, m);
+    const auto [match, updated, segment] =
+        follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
     if (match == MatchResult::far) return std::nullopt;
     t_ = event.t;
 
@@ -157,6 +163,18 @@ class MarkerTracker {
     misfit_events_ += update.offered;
   }
 
+  // The first events tell where the marker is; from there they are tracked.
+  std::optional<PoseEstimate> capture(const Event& event, const Eigen::Vector2d& m) noexcept {
+    if (!capture_->push(event, lines_.focal_length() * m)) return std::nullopt;
+    Capture capture = *std::exchange(capture_, std::nullopt);
+    follower_.start_from(capture.solve());
+    verification_.start_window(follower_);
+    std::optional<PoseEstimate> pose;
+    for (const Event& first : capture.events())
+      if (auto next = push(first)) pose = next;
+    return pose;
+  }
+
   // The first updates refine the detection; what happened in them is not held against the tracker.
   void start_judging() noexcept {
     quality_.state = TrackingState::tracking;
@@ -200,7 +218,8 @@ class MarkerTracker {
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
   EdgeCoverage coverage_;
-  Eigen::Vector3d centre_;  // of the model's bounding box, marker frame [m]
+  std::optional<Capture> capture_;  // until it has found the marker
+  Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
   TrackingQuality quality_;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;

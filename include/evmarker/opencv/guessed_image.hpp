@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <span>
 
 #include "evmarker/polarity_frame.hpp"
 
@@ -40,19 +39,21 @@ inline float later_us(std::uint32_t a, std::uint32_t b) {
 // Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over ten
 // pixels to each side; one for every block of 4x4 pixels. Averaged along an edge it is the edge's normal, near
 // a corner the motion itself.
-inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, std::span<const std::uint32_t> times) {
+inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, const PolarityFrame& frame) {
   constexpr int kBlock = 4, kWindow = 5;  // [px], [blocks]
   constexpr float kAgreed = 0.2f;         // where the events do not agree, no direction is better than a wrong one
   const int width = seen.cols;
   cv::Mat_<cv::Vec3f> sum((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
   for (int y = 1; y + 1 < seen.rows; ++y)
     for (int x = 1; x + 1 < width; ++x) {
-      if (seen(y, x) == kUnseen) continue;
-      const auto time = [&](int v, int u) { return times[static_cast<std::size_t>(v * width + u)]; };
+      const auto index = [&](int v, int u) { return static_cast<std::size_t>(v * width + u); };
+      const auto timed = [&](int v, int u) { return seen(v, u) != kUnseen && frame.pixels()[index(v, u)] != kUnseen; };
+      const auto time = [&](int v, int u) { return frame.times()[index(v, u)]; };
+      if (!timed(y, x)) continue;
       cv::Vec2f later(0, 0);
       for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx)
-          if (seen(y + dy, x + dx) != kUnseen)
+          if (timed(y + dy, x + dx))
             later +=
                 later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
       const float length = std::hypot(later[0], later[1]);
@@ -85,13 +86,14 @@ inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const c
 /// edge has swept show what it left behind it; ahead of it, where nothing happened yet, it must be the opposite, and
 /// before the place where the edge came from, the same. Which end of the swept strip is which the times tell. So a
 /// marker is seen after a pixel of motion, while the polarities alone show it only when the motion exceeds its largest
-/// plain area.
+/// plain area. Where a motion has just turned back, or turns about a place in the marker, the two ends of a strip are
+/// mistaken for each other until it has gone on for some pixels.
 inline cv::Mat guess_image(const PolarityFrame& frame) {
   const SensorSize size = frame.sensor_size();
   const cv::Mat pixels(size.height, size.width, CV_8U,
                        const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
   const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
-  const cv::Mat_<cv::Vec2f> motion = detail::motion_of_blocks(seen, frame.times());
+  const cv::Mat_<cv::Vec2f> motion = detail::motion_of_blocks(seen, frame);
   const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters
   cv::Mat_<float> votes(seen.size(), 0.0f);
   for (int y = 0; y < seen.rows; ++y)
