@@ -118,13 +118,15 @@ inline std::vector<Event> failure_events(const FailureCase& failure, std::uint64
   return events;
 }
 
-/// Two trackers see the events: one with the library's defaults says whether the marker is lost; one like it that is
-/// never stopped shows how the signal and the pose go on after that.
+/// Two trackers see the events: one with the paper's verification and the library's defaults for it says whether the
+/// marker is lost; one like it that is never stopped shows how the signal and the pose go on after that.
 inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& events) {
   using Tracker = MarkerTracker<DecoupledUpdate>;
   const PinholeCamera camera = failure_camera();
   const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
-  const Tracker::Settings judging;
+  Tracker::Settings judging;
+  judging.max_silent_share = 1;
+  judging.capture.reset();  // a bad start is to stay bad
   Tracker::Settings never_stopped = judging;
   never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;
   never_stopped.min_matched_fraction = 0;

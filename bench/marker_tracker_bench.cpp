@@ -14,7 +14,8 @@ namespace {
 // Filtered events in, poses out. Timed: the look-up of the line of sight, matching, averages, updates, the bookkeeping
 // of the quality. The pose error comes from a pass over the same events before.
 template <PoseUpdateRule Rule>
-void run(benchmark::State& state, const MarkerTrackerSettings<Rule>& settings) {
+void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings) {
+  settings.capture.reset();  // the start is that of a detection
   using Tracker = MarkerTracker<Rule>;
   const auto& recording = bench::recording();
   const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);

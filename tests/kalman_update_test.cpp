@@ -580,7 +580,7 @@ MarkerTracker<KalmanUpdate> tracker(const Isometry3d& truth, int n) {
   return {simulated::camera,
           kCode,
           perturbed(truth, step({-0.002, 0.001, 0.01}, {-0.015, 0.02, 0.01})),
-          {.events_per_update = n}};
+          {.events_per_update = n, .capture = std::nullopt}};
 }
 
 }  // namespace
