@@ -27,7 +27,7 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 struct PipelineSettings {
   TrackerSettings<Rule> tracker{};
   OverloadPolicy overload = OverloadPolicy::drop_oldest;
-  std::size_t queue_events = 1u << 17;  ///< waiting to be tracked at most, 16 bytes each
+  std::size_t queue_events = 1u << 18;  ///< waiting to be tracked at most, 16 bytes each; a push takes 256 or more
   /// Tracking waits for the detector where it is not ready `tracker.detection_latency` of camera time after its look:
   /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
