@@ -80,6 +80,9 @@ TEST_CASE("events that fit no pose leave the rough one, and old ones are forgott
   REQUIRE(push_noise(quick, 1, 10000));
   CHECK(quick.solve().matrix() == T.matrix());
   CHECK(quick.events().size() > 500);
+  Capture original(kModel, 533, T, {}), copy = original;  // needs as many events
+  REQUIRE(push_noise(copy, 1, 10000));
+  CHECK(copy.events().size() == quick.events().size());
   Capture slow(kModel, 533, T, {});
   CHECK_FALSE(push_noise(slow, 1000, 10000));
   CHECK(slow.events().size() <= 201);

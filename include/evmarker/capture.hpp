@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -53,22 +54,21 @@ class Capture {
     height_ = static_cast<int>(high.y() - low.y() + 2 * margin) + 1;
     distance_.resize(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_));
     count_.resize(distance_.size());
-    events_.reserve(static_cast<std::size_t>(kEventsPerPixel * length_px) + kFewestEvents);
-    best_.reserve(kRefined + 1);
+    events_.resize(static_cast<std::size_t>(kEventsPerPixel * length_px) + kFewestEvents);
   }
 
   /// Takes an event with its undistorted pixel, counted from the principal point. True once there are enough.
   bool push(const Event& event, const Eigen::Vector2d& u) noexcept {
-    if (!events_.empty() && elapsed_us(events_.front().t, event.t) > kLongest_us) restart();
+    if (collected_ > 0 && elapsed_us(events_.front().t, event.t) > kLongest_us) restart();
     const int i = index(u);
     if (i < 0) return false;
     ++count_[static_cast<std::size_t>(i)];
-    events_.push_back(event);
-    return events_.size() == events_.capacity();
+    events_[collected_++] = event;
+    return collected_ == events_.size();
   }
 
   /// The events so far; they are to be replayed from the pose that was found.
-  std::span<const Event> events() const noexcept { return events_; }
+  std::span<const Event> events() const noexcept { return std::span(events_).first(collected_); }
 
   /// The rough pose itself where the events fit no pose near it.
   Eigen::Isometry3d solve() noexcept {
@@ -90,8 +90,8 @@ class Capture {
   using Vector6 = Eigen::Matrix<double, 6, 1>;
 
   struct Candidate {
-    Eigen::Isometry3d T;
-    float misfit_px;  // mean distance of the edges to the nearest event
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    float misfit_px = 0;  // mean distance of the edges to the nearest event
   };
 
   Eigen::Vector2d image(const Eigen::Vector3d& P) const noexcept { return focal_length_ / P.z() * P.head<2>(); }
@@ -103,7 +103,7 @@ class Capture {
   }
 
   void restart() noexcept {
-    events_.clear();
+    collected_ = 0;
     std::ranges::fill(count_, std::uint16_t{0});
   }
 
@@ -147,7 +147,7 @@ class Capture {
     constexpr double kStepPx = 3;
     constexpr int kDepths = 3, kTurns = 2;  // to each side
     const int sideways = static_cast<int>(std::ceil(reach_px_ / kStepPx));
-    best_.clear();
+    best_.fill({T_rough_, std::numeric_limits<float>::infinity()});
     for (int depth = -kDepths; depth <= kDepths; ++depth)
       for (int turn = -kTurns; turn <= kTurns; ++turn)
         for (int x = -sideways; x <= sideways; ++x)
@@ -162,8 +162,10 @@ class Capture {
   // Among the best ones, if it is one of them.
   void keep(Candidate candidate) noexcept {
     candidate.misfit_px = misfit_px(candidate.T);
-    best_.insert(std::ranges::upper_bound(best_, candidate.misfit_px, {}, &Candidate::misfit_px), candidate);
-    if (best_.size() > kRefined) best_.pop_back();
+    const auto worse = std::ranges::upper_bound(best_, candidate.misfit_px, {}, &Candidate::misfit_px);
+    if (worse == best_.end()) return;
+    std::shift_right(worse, best_.end(), 1);
+    *worse = candidate;
   }
 
   void refine(Candidate& candidate) const noexcept {
@@ -188,8 +190,9 @@ class Capture {
   int width_ = 0, height_ = 0;
   std::vector<std::uint16_t> count_;  // events at every pixel of the box
   std::vector<float> distance_;       // of every pixel to the nearest event [px]
-  std::vector<Event> events_;
-  std::vector<Candidate> best_;
+  std::vector<Event> events_;         // as many as are needed
+  std::size_t collected_ = 0;         // of them
+  std::array<Candidate, kRefined> best_{};
 };
 
 }  // namespace evmarker

@@ -60,9 +60,12 @@ class MarkerTracker {
       throw std::invalid_argument("min_matched_fraction is " + std::to_string(settings.min_matched_fraction));
     if (settings.matched_fraction_events < 1)
       throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
-    if (settings.capture) capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
     if (!(settings.max_silent_share > 0 && settings.max_silent_share <= 1))
       throw std::invalid_argument("max_silent_share is " + std::to_string(settings.max_silent_share));
+    if (settings.capture) {
+      capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
+      capturing_ = true;
+    }
   }
 
   /// Takes one event. A pose every `events_per_update` matched ones, and one last pose with state `lost` when the
@@ -72,7 +75,7 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
     const Eigen::Vector2d m = lines_(event);
-    if (capture_) [[unlikely]]
+    if (capturing_) [[unlikely]]
       return capture(event, m);
     const auto [match, updated, segment] =
         follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
@@ -166,11 +169,11 @@ class MarkerTracker {
   // The first events tell where the marker is; from there they are tracked.
   std::optional<PoseEstimate> capture(const Event& event, const Eigen::Vector2d& m) noexcept {
     if (!capture_->push(event, lines_.focal_length() * m)) return std::nullopt;
-    Capture capture = *std::exchange(capture_, std::nullopt);
-    follower_.start_from(capture.solve());
+    capturing_ = false;
+    follower_.start_from(capture_->solve());
     verification_.start_window(follower_);
     std::optional<PoseEstimate> pose;
-    for (const Event& first : capture.events())
+    for (const Event& first : capture_->events())
       if (auto next = push(first)) pose = next;
     return pose;
   }
@@ -218,9 +221,10 @@ class MarkerTracker {
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
   EdgeCoverage coverage_;
-  std::optional<Capture> capture_;  // until it has found the marker
+  std::optional<Capture> capture_;  // kept when it is done: nothing is freed while events come
   Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
   TrackingQuality quality_;
+  bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
   double misfit2_px_ = 0;  // sum over the events of the converging updates
