@@ -28,7 +28,7 @@ TEST_CASE_TEMPLATE("the inverse is that of a general solver, whatever the upper 
     mirror_lower(inverse);
     CHECK(inverse == inverse.transpose());
     const Matrix unscaled = units.asDiagonal() * inverse * units.asDiagonal();
-    const Matrix expected = Eigen::FullPivLU<Matrix>(scaled).inverse();
+    const Matrix expected = Eigen::MatrixXd(scaled).fullPivLu().inverse();
     CHECK((unscaled - expected).norm() < 1e-10 * expected.norm());
   }
 }
