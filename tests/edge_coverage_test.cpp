@@ -27,7 +27,7 @@ std::optional<double> silent_share(EdgeCoverage& coverage, const std::vector<int
 
 }  // namespace
 
-TEST_CASE("edges that all make events are not silent; one without events weighs by the area that it swept") {
+TEST_CASE("edges that all make events are not silent, and one without events weighs by the area that it swept") {
   EdgeCoverage coverage(kSquare, kFocal);
   CHECK_FALSE(coverage.silent_share(kSquare, at(0, 0)));  // the first question only says where it is
   CHECK_FALSE(coverage.due());

@@ -293,7 +293,7 @@ TEST_CASE("dropping the oldest keeps the newest, in order") {
     REQUIRE(kept[i] == static_cast<Timestamp>(burst.size() - kept.size() + i));
 }
 
-TEST_CASE("what the callback and the detector throw is counted, told and thrown by stop; tracking goes on") {
+TEST_CASE("what the callback and the detector throw is counted, told and thrown by stop, and tracking goes on") {
   int poses = 0;
   {
     live::Pipeline pipeline(

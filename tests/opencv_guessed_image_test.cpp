@@ -99,7 +99,7 @@ TEST_CASE("a motion that turned back is understood once it has gone on for some 
   CHECK(guessed.wrong < 0.08);
 }
 
-TEST_CASE("nothing seen, nothing guessed; lone events are noise") {
+TEST_CASE("nothing seen, nothing guessed, and lone events are noise") {
   PolarityFrame frame({kWidth, kHeight});
   CHECK(cv::countNonZero(guess_image(frame) != PolarityFrame::kUntouched) == 0);
   for (int i = 0; i < 100; ++i)
