@@ -164,9 +164,9 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
 }
 
 void replay(const ReplayOptions& options) {
-  if (options.update == "kalman") return replay<KalmanUpdate>(options, {}, io::PoseColumns::pose_and_motion);
-  const auto rule = options.update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
-  replay<DecoupledUpdate>(options, rule, io::PoseColumns::pose);
+  options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
+    replay<Rule>(options, rule, columns);
+  });
 }
 
 }  // namespace

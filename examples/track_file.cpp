@@ -58,9 +58,9 @@ void track(const TrackOptions& options, const typename Rule::Settings& rule, io:
 }
 
 void track(const TrackOptions& options) {
-  if (options.update == "kalman") return track<KalmanUpdate>(options, {}, io::PoseColumns::pose_and_motion);
-  const auto rule = options.update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
-  track<DecoupledUpdate>(options, rule, io::PoseColumns::pose);
+  options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
+    track<Rule>(options, rule, columns);
+  });
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <evmarker/evmarker.hpp>
+#include <evmarker/io/pose_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/board.hpp>
 #include <stdexcept>
@@ -50,6 +51,16 @@ struct TrackOptions {
   evmarker::TrackerSettings<Rule> settings(const typename Rule::Settings& rule) const {
     return {.filter_window = std::chrono::microseconds(filter_window_us),
             .marker = {.events_per_update = events_per_update, .update = rule}};
+  }
+
+  /// Calls `use.operator()<Rule>(settings, columns)` for the rule that was chosen, with the columns that its poses
+  /// fill.
+  template <typename Use>
+  void with_rule(const Use& use) const {
+    using namespace evmarker;
+    if (update == "kalman") return use.template operator()<KalmanUpdate>({}, io::PoseColumns::pose_and_motion);
+    const auto rule = update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
+    use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }
 
   std::vector<evmarker::Board> load_boards() const {

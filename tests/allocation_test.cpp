@@ -41,6 +41,17 @@ void* operator new(std::size_t size, std::align_val_t alignment) {
 void* operator new[](std::size_t size, std::align_val_t alignment) {
   return counted(size, static_cast<std::size_t>(alignment));
 }
+// The default forms that do not throw call those above, but not under AddressSanitizer, which has its own.
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept try {
+  return operator new(size);
+} catch (const std::bad_alloc&) {
+  return nullptr;
+}
+void* operator new[](std::size_t size, const std::nothrow_t&) noexcept try {
+  return operator new[](size);
+} catch (const std::bad_alloc&) {
+  return nullptr;
+}
 void operator delete(void* memory) noexcept { freed(memory); }
 void operator delete[](void* memory) noexcept { freed(memory); }
 void operator delete(void* memory, std::size_t) noexcept { freed(memory); }
@@ -68,12 +79,7 @@ constexpr std::size_t kEvents = 1'000'000;
 struct Recording {
   Trajectory motion = simulated::near_motion(71);
   std::vector<Event> events = simulated::near_events(motion, 1.2, 71);
-  std::vector<Event> filtered;
-  Recording() {
-    SpatiotemporalFilter filter(simulated::camera.sensor_size());
-    for (const Event& event : events)
-      if (filter.accept(event)) filtered.push_back(event);
-  }
+  std::vector<Event> filtered = simulated::filtered(events);
 };
 
 const Recording& recording() {

@@ -12,7 +12,6 @@
 #include "evmarker/lattice_matcher.hpp"
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/tracker.hpp"
 #include "simulated.hpp"
 
@@ -66,14 +65,6 @@ Isometry3d corner_ahead(double distance) {
 std::vector<Event> record(const Board& board, const Trajectory& motion, double duration_s, std::uint64_t seed) {
   return simulated::record(
       {simulated::camera, simulated_markers(board, motion), SimulatorSettings{.duration_s = duration_s, .seed = seed}});
-}
-
-std::vector<Event> filtered(const std::vector<Event>& events) {
-  SpatiotemporalFilter filter(simulated::camera.sensor_size());
-  std::vector<Event> kept;
-  for (const Event& event : events)
-    if (filter.accept(event)) kept.push_back(event);
-  return kept;
 }
 
 struct Outcome {
@@ -390,7 +381,7 @@ TEST_CASE("a wireframe in three dimensions, neither sides nor dark areas known, 
                                                   .amplitude_rad = {0.2, 0.2, 0.3},
                                                   .frequency_hz = 1.3,
                                                   .seed = 73});
-  const auto events = filtered(record(squares, motion, 0.8, 73));
+  const auto events = simulated::filtered(record(squares, motion, 0.8, 73));
   REQUIRE(events.size() > 100000);
   Isometry3d start = motion(0);
   start.translation() += Vector3d(0.001, -0.001, 0.004);

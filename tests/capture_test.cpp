@@ -8,7 +8,6 @@
 
 #include "evmarker/accuracy.hpp"
 #include "evmarker/marker_tracker.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -16,14 +15,6 @@ using namespace evmarker;
 namespace {
 
 const MarkerModel kModel = make_code_marker(simulated::kMarkerLength, simulated::code());
-
-std::vector<Event> filtered(const std::vector<Event>& events) {
-  SpatiotemporalFilter filter(simulated::camera.sensor_size());
-  std::vector<Event> kept;
-  for (const Event& event : events)
-    if (filter.accept(event)) kept.push_back(event);
-  return kept;
-}
 
 // Off by so much to one side, in depth and about some axis.
 Eigen::Isometry3d off(Eigen::Isometry3d T, std::mt19937& random, double sideways_m, double depth_m, double angle_deg) {
@@ -41,7 +32,7 @@ TEST_CASE("starts 15 mm to a side, 45 mm in depth and 5 degrees off at 0.6 m are
   int runs = 0, captured = 0, captured_without = 0;
   for (std::uint64_t seed = 900; seed < 920; ++seed) {
     const Trajectory motion = simulated::near_motion(seed);
-    const auto events = filtered(simulated::near_events(motion, 0.05, seed));
+    const auto events = simulated::filtered(simulated::near_events(motion, 0.05, seed));
     REQUIRE(events.size() > 5000);
     std::mt19937 random(static_cast<unsigned>(seed));
     for (int run = 0; run < 5; ++run) {

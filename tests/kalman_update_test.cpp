@@ -12,7 +12,6 @@
 
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/marker_tracker.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -567,14 +566,6 @@ TEST_CASE("impossible settings are refused with field and value") {
 
 namespace {
 
-std::vector<Event> filtered(const std::vector<Event>& events) {
-  SpatiotemporalFilter filter(simulated::camera.sensor_size());
-  std::vector<Event> kept;
-  for (const Event& event : events)
-    if (filter.accept(event)) kept.push_back(event);
-  return kept;
-}
-
 // A start as a detection would give it: some millimetres and degrees off.
 MarkerTracker<KalmanUpdate> tracker(const Isometry3d& truth, int n) {
   return {simulated::camera,
@@ -588,7 +579,7 @@ MarkerTracker<KalmanUpdate> tracker(const Isometry3d& truth, int n) {
 TEST_CASE("the stated covariance is that of the errors") {
   for (const std::uint64_t seed : {711u, 712u}) {
     const Trajectory motion = simulated::near_motion(seed);
-    const auto events = filtered(simulated::near_events(motion, 0.6, seed));
+    const auto events = simulated::filtered(simulated::near_events(motion, 0.6, seed));
     REQUIRE(events.size() > 100000);
     for (const int n : {10, 100}) {
       MarkerTracker<KalmanUpdate> tracked = tracker(motion(0), n);
@@ -620,7 +611,7 @@ TEST_CASE("the stated covariance is that of the errors") {
 
 TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
   const Trajectory motion = trajectory::stop_and_go(simulated::near_motion(713), 0.25, 0.25);
-  const auto events = filtered(simulated::near_events(motion, 0.6, 713));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.6, 713));
   const Isometry3d rest = motion(0.25);
   REQUIRE(translation_error(motion(0.12), rest) > 0.01);  // it moved
   REQUIRE(translation_error(motion(0.49), rest) < 1e-9);  // and rests

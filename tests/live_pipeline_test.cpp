@@ -16,28 +16,13 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
+using simulated::KnowingDetector;
 using namespace std::chrono_literals;
 using live::OverloadPolicy;
 
 namespace {
 
 using Settings = live::PipelineSettings<>;
-
-// Finds marker 0 where it truly is; `before` is called in every look.
-struct KnowingDetector {
-  Trajectory motion;
-  std::function<void()> before = [] {};
-  std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
-    before();
-    const Eigen::Isometry3d T = motion(static_cast<double>(frame.t()) * 1e-6);
-    MarkerDetection detection{.id = 0, .t = frame.t(), .T_camera_marker = T};
-    const auto& corners = make_square_marker(simulated::kMarkerLength).vertices;
-    for (std::size_t i = 0; i < 4; ++i) detection.corners_px[i] = simulated::camera.project(T * corners[i]);
-    return {detection};
-  }
-  MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
-};
-static_assert(MarkerDetector<KnowingDetector>);
 
 const Trajectory& motion() {
   static const Trajectory motion = simulated::near_motion(71);

@@ -7,20 +7,11 @@
 
 #include "evmarker/accuracy.hpp"
 #include "evmarker/decoupled_update.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
 
 namespace {
-
-std::vector<Event> filtered(const std::vector<Event>& events) {
-  SpatiotemporalFilter filter(simulated::camera.sensor_size());
-  std::vector<Event> kept;
-  for (const Event& event : events)
-    if (filter.accept(event)) kept.push_back(event);
-  return kept;
-}
 
 template <PoseUpdateRule Rule = KalmanUpdate>
 MarkerTracker<Rule> code_tracker(const Eigen::Isometry3d& start, const MarkerTrackerSettings<Rule>& settings = {}) {
@@ -46,7 +37,7 @@ AccuracyMeter track(MarkerTracker<Rule> tracker, const std::vector<Event>& event
 
 TEST_CASE("a code marker is tracked within the paper's error by its rule, at every n, and ten times better by ours") {
   const Trajectory motion = simulated::near_motion(41);
-  const auto events = filtered(simulated::near_events(motion, 0.6, 41));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.6, 41));
   REQUIRE(events.size() > 200000);
   const Eigen::Isometry3d start = detected(motion(0));
   for (const int n : {1, 5, 20, 100}) {
@@ -72,7 +63,7 @@ TEST_CASE("a code marker is tracked within the paper's error by its rule, at eve
 
 TEST_CASE("the outline alone is tracked too, only less well") {
   const Trajectory motion = simulated::near_motion(42);
-  const auto events = filtered(simulated::near_events(motion, 0.2, 42));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.2, 42));
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
   // The cells' events are near the outline and belong to no edge of it.
   const AccuracyMeter papers =
@@ -88,7 +79,7 @@ TEST_CASE("the outline alone is tracked too, only less well") {
 
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
-  const auto events = filtered(simulated::near_events(motion, 0.15, 43));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));
   MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000, .capture = std::nullopt});
   int poses = 0;
   for (const Event& event : events) {
@@ -122,7 +113,7 @@ TEST_CASE("the paper's rule estimates no covariance and no velocity, and says so
 
 TEST_CASE("between and after events, the pose goes on with its velocity and its covariance grows") {
   const Trajectory motion = simulated::near_motion(48);
-  const auto events = filtered(simulated::near_events(motion, 0.3, 48));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.3, 48));
   MarkerTracker tracker = code_tracker(detected(motion(0)));
   for (const Event& event : events) tracker.push(event);
   const PoseEstimate now = tracker.estimate();
@@ -143,7 +134,7 @@ TEST_CASE("between and after events, the pose goes on with its velocity and its 
 
 TEST_CASE("a copy goes on independently and alike") {
   const Trajectory motion = simulated::near_motion(44);
-  const auto events = filtered(simulated::near_events(motion, 0.1, 44));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.1, 44));
   MarkerTracker original = code_tracker(motion(0));
   for (std::size_t i = 0; i < events.size() / 2; ++i) original.push(events[i]);
   MarkerTracker copy = original;
@@ -166,7 +157,7 @@ TEST_CASE("foreign event types give the same poses") {
     long long t;
   };
   const Trajectory motion = simulated::near_motion(45);
-  const auto events = filtered(simulated::near_events(motion, 0.05, 45));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.05, 45));
   MarkerTracker ours = code_tracker(motion(0)), theirs = code_tracker(motion(0));
   int poses = 0;
   for (const Event& event : events) {
@@ -189,7 +180,7 @@ TEST_CASE("events that belong to nothing are survived") {
 
 TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing after that") {
   const Trajectory motion = simulated::near_motion(46);
-  auto events = filtered(simulated::near_events(motion, 0.2, 46));
+  auto events = simulated::filtered(simulated::near_events(motion, 0.2, 46));
   // From 0.1 s on, the marker's events are scattered over its surroundings: no edge of it is there any more.
   std::uint64_t state = 46;
   for (Event& event : events)
@@ -213,7 +204,7 @@ TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing a
 TEST_CASE("a marker that leaves the image is lost") {
   const Trajectory motion =
       trajectory::linear(facing_pose({0.25, 0, 0.6}, {0.1, 0.1, 0.2}), {1.2, 0, 0});  // past the right edge in 0.2 s
-  const auto events = filtered(simulated::near_events(motion, 0.3, 47));
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.3, 47));
   MarkerTracker tracker = code_tracker(motion(0));
   int poses = 0;
   bool lost = false;

@@ -1,28 +1,16 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
-#include <filesystem>
-#include <fstream>
 #include <numbers>
 #include <string>
 
 #include "evmarker/opencv/board.hpp"
+#include "settings_text.hpp"
 
 using namespace evmarker;
+using namespace evmarker::opencv::test;
 
 namespace {
-
-std::string write(const std::string& content) {
-  const auto path = (std::filesystem::temp_directory_path() / "evmarker_board_test.yml").string();
-  std::ofstream(path, std::ios::binary) << content;
-  return path;
-}
-
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
 
 const std::string kBoard = R"(board: 100
 markers:
@@ -34,14 +22,13 @@ markers:
 )";
 
 std::string refused(const std::string& content, const std::string& dictionary = "DICT_4X4_50") {
-  const std::string path = write(content);
+  const std::string path = write("board.yml", content);
   std::string message = "accepted";
   try {
     opencv::load_board(path, dictionary);
   } catch (const std::exception& error) {
     message = error.what();
   }
-  std::filesystem::remove(path);
   if (const auto at = message.find(path); at != std::string::npos) message.replace(at, path.size(), "FILE");
   return message;
 }
@@ -50,9 +37,8 @@ std::string refused(const std::string& content, const std::string& dictionary = 
 
 TEST_CASE("a board is read as it is written, with and without the YAML directive") {
   for (const std::string head : {"", "%YAML:1.0\n---\n"}) {
-    const std::string path = write(head + kBoard);
+    const std::string path = write("board.yml", head + kBoard);
     const Board board = opencv::load_board(path, "DICT_4X4_50");
-    std::filesystem::remove(path);
     CHECK(board.id == 100);
     REQUIRE(board.markers.size() == 2);
     const BoardMarker& a = board.markers[0];

@@ -2,30 +2,15 @@
 
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <string>
 
 #include "evmarker/opencv/calibration.hpp"
+#include "settings_text.hpp"
 
 using namespace evmarker;
+using namespace evmarker::opencv::test;
 
 namespace {
-
-std::string temporary(const std::string& name) {
-  return (std::filesystem::temp_directory_path() / ("evmarker_calibration_" + name)).string();
-}
-
-std::string write(const std::string& name, const std::string& content) {
-  const std::string path = temporary(name);
-  std::ofstream(path, std::ios::binary) << content;
-  return path;
-}
-
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
 
 const std::string kOpenCv = R"(%YAML:1.0
 ---

@@ -357,20 +357,6 @@ TEST_CASE("an edge that points at the camera constrains nothing") {
   }
 }
 
-TEST_CASE("the bounding box holds the projected vertices") {
-  const MarkerModel cube = make_cube();
-  SegmentMatcher matcher(cube, kFocal);
-  const Isometry3d T = pose({0.3, -0.5, 0.2}, {0.1, -0.05, 0.6});
-  REQUIRE(matcher.project(T));
-  Vector2d low(1e9, 1e9), high = -low;
-  for (const Vector3d& vertex : cube.vertices) {
-    low = low.cwiseMin(pixel_of(T * vertex));
-    high = high.cwiseMax(pixel_of(T * vertex));
-  }
-  CHECK((matcher.low() - low).norm() < 1e-10);
-  CHECK((matcher.high() - high).norm() < 1e-10);
-}
-
 TEST_CASE("impossible models and settings are refused with field and value") {
   const auto message_of = [](const MarkerModel& model, double focal,
                              const SegmentMatcherSettings& settings) -> std::string {

@@ -1,9 +1,13 @@
 #pragma once
-// The recordings that the trackers' tests share: a 10 cm marker at 0.5 to 0.7 m, up to about 1100 px/s.
+// What the trackers' tests share: recordings of a 10 cm marker at 0.5 to 0.7 m, up to about 1100 px/s, and a detector.
+#include <cstddef>
+#include <functional>
 #include <vector>
 
+#include "evmarker/detection.hpp"
 #include "evmarker/event_stream.hpp"
 #include "evmarker/simulator.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/trajectory.hpp"
 
 namespace evmarker::simulated {
@@ -40,5 +44,30 @@ inline std::vector<Event> near_events(const Trajectory& motion, double duration_
                  {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
                  SimulatorSettings{.duration_s = duration_s, .seed = seed}});
 }
+
+/// Those that pass the noise filter.
+inline std::vector<Event> filtered(const std::vector<Event>& events) {
+  SpatiotemporalFilter filter(camera.sensor_size());
+  std::vector<Event> kept;
+  for (const Event& event : events)
+    if (filter.accept(event)) kept.push_back(event);
+  return kept;
+}
+
+/// Finds marker 0 where it truly is, in every frame, so that the tests of the bookkeeping rest on nothing else.
+struct KnowingDetector {
+  Trajectory motion;
+  std::function<void()> before = [] {};  ///< called in every look
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+    before();
+    const Eigen::Isometry3d T = motion(static_cast<double>(frame.t()) * 1e-6);
+    MarkerDetection detection{.id = 0, .t = frame.t(), .T_camera_marker = T};
+    const auto& corners = make_square_marker(kMarkerLength).vertices;
+    for (std::size_t i = 0; i < 4; ++i) detection.corners_px[i] = camera.project(T * corners[i]);
+    return {detection};
+  }
+  MarkerModel model(MarkerId) const { return make_code_marker(kMarkerLength, code()); }
+};
+static_assert(MarkerDetector<KnowingDetector>);
 
 }  // namespace evmarker::simulated

@@ -12,24 +12,11 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
+using simulated::KnowingDetector;
 
 namespace {
 
 double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
-
-// Finds marker 0 where it truly is, in every frame, so that the tests of the bookkeeping rest on nothing else.
-struct KnowingDetector {
-  Trajectory motion;
-  std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
-    const Eigen::Isometry3d T = motion(seconds(frame.t()));
-    MarkerDetection detection{.id = 0, .t = frame.t(), .T_camera_marker = T};
-    const auto& corners = make_square_marker(simulated::kMarkerLength).vertices;
-    for (std::size_t i = 0; i < 4; ++i) detection.corners_px[i] = simulated::camera.project(T * corners[i]);
-    return {detection};
-  }
-  MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
-};
-static_assert(MarkerDetector<KnowingDetector>);
 
 opencv::ArucoDetector<PinholeCamera> aruco() {
   return {simulated::camera, {.dictionary = "DICT_4X4_50", .marker_length = simulated::kMarkerLength}};

@@ -13,7 +13,7 @@
 
 namespace evmarker {
 
-/// Counts the events of every edge of a wireframe while it moves by about a pixel. An edge makes events by its length
+/// Counts the events of every edge of a wireframe while it moves by a pixel or two. An edge makes events by its length
 /// times the way it goes along its normal; one that makes hardly any is hidden, or is not there: the wireframe is held
 /// by other edges, those of what passes before it for example.
 class EdgeCoverage {
@@ -40,27 +40,16 @@ class EdgeCoverage {
       swept_px2 += swept(i);
       length_px += end_[i].along.norm();
     }
-    const bool known = started_ && std::isfinite(swept_px2);
-    if (known && swept_px2 < kDistance * length_px) {
+    if (!started_ || !std::isfinite(swept_px2)) {
+      restart(!started_);
+      return std::nullopt;
+    }
+    if (swept_px2 < kDistance * length_px) {
       total_ = 0;  // asked again after as many events, which count together with these
       return std::nullopt;
     }
-    std::optional<double> share;
-    if (known) {
-      double all = 0, silent = 0;
-      for (const int events : events_) all += events;
-      // A wireframe that went there and back has swept more than can be seen from where it is: more events per area
-      // than usual do not make its other edges silent.
-      const double density = all / swept_px2, expected_density = density_ > 0 ? std::min(density, density_) : density;
-      density_ += (density_ > 0 ? 0.1 : 1) * (density - density_);
-      for (std::size_t i = 0; i < end_.size(); ++i) {
-        const double expected = expected_density * swept(i);
-        const bool moved = swept(i) > kDrift * end_[i].along.norm();
-        if (moved && expected >= kEnough && events_[i] < kHardlyAny * expected) silent += swept(i) / swept_px2;
-      }
-      share = silent;
-    }
-    restart(known || !started_);
+    const double share = silent_share(swept_px2);
+    restart(true);
     return share;
   }
 
@@ -72,11 +61,26 @@ class EdgeCoverage {
   static constexpr double kDistance = 1.5;  // [px] mean way of the edges that is enough to tell
   static constexpr double kDrift = 1;       // [px] an edge that stands still may seem to go that far: nothing tells
   static constexpr double kEnough = 8, kHardlyAny = 0.2;
-  static constexpr double kGrazing = 0.3;  // cosine
+  static constexpr double kGrazing = 0.3;  // cosine of the angle between a side's normal and the line of sight
 
   struct Edge {
     Eigen::Vector2d middle{0, 0}, along{0, 0};  // [px]
   };
+
+  double silent_share(double swept_px2) noexcept {
+    double all = 0, silent = 0;
+    for (const int events : events_) all += events;
+    // A wireframe that went there and back has swept more than can be seen from where it is: more events per area than
+    // usual do not make its other edges silent.
+    const double density = all / swept_px2, expected_density = density_ > 0 ? std::min(density, density_) : density;
+    density_ += (density_ > 0 ? 0.1 : 1) * (density - density_);
+    for (std::size_t i = 0; i < end_.size(); ++i) {
+      const double expected = expected_density * swept(i);
+      const bool moved = swept(i) > kDrift * end_[i].along.norm();
+      if (moved && expected >= kEnough && events_[i] < kHardlyAny * expected) silent += swept(i) / swept_px2;
+    }
+    return silent;
+  }
 
   // Without length where it is on a side that is turned away, or nearly so: its edges then are too close to each other
   // to tell whose their events are.

@@ -15,8 +15,8 @@ class FoundMarker {
  public:
   /// @throws std::invalid_argument like MarkerTracker
   FoundMarker(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
-              MarkerTrackerSettings<Rule> settings)
-      : tracker_(lines, model, detection.T_camera_marker, fitted(settings), detection.id) {
+              const MarkerTrackerSettings<Rule>& settings)
+      : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
     if (detection.T_camera_marker_alternative)
       rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
   }
@@ -36,12 +36,6 @@ class FoundMarker {
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:
-  // A detection has been fitted to the edges already.
-  static MarkerTrackerSettings<Rule>& fitted(MarkerTrackerSettings<Rule>& settings) {
-    settings.capture.reset();
-    return settings;
-  }
-
   // True if the other pose was the right one.
   bool settle() noexcept {
     const bool better =

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <utility>
 
@@ -80,9 +79,6 @@ class LatticeMatcher {
 
   const MarkerModel& model() const noexcept { return segments_.model(); }
   double focal_length() const noexcept { return focal_length_; }
-  /// Corners of the projected model's bounding box, in undistorted pixels from the principal point.
-  Eigen::Vector2d low() const noexcept { return on_lattice_ ? -farthest_corner(-1) : segments_.low(); }
-  Eigen::Vector2d high() const noexcept { return on_lattice_ ? farthest_corner(1) : segments_.high(); }
   /// Whether the present pose is matched through the lattice.
   bool on_lattice() const noexcept { return on_lattice_; }
 
@@ -182,17 +178,6 @@ class LatticeMatcher {
     const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
     c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * c.E.x() + n.y() * c.E.y())};
     return MatchResult::matched;
-  }
-
-  // In units of `sign` pixels along the image axes.
-  Eigen::Vector2d farthest_corner(double sign) const noexcept {
-    Eigen::Vector2d farthest = Eigen::Vector2d::Constant(-std::numeric_limits<double>::infinity());
-    for (const int x : {0, lattice_->cells()})
-      for (const int y : {0, lattice_->cells()}) {
-        const Eigen::Vector3d P = x * steps_.col(0) + y * steps_.col(1) + h0_;
-        farthest = farthest.cwiseMax(sign * focal_length_ / P.z() * P.head<2>());
-      }
-    return farthest;
   }
 
   // The homography and its inverse (times its determinant). False where two lines may not be enough for an event.

@@ -104,16 +104,15 @@ class MarkerTracker {
   }
 
   /// The present estimate: of the last update, or the start.
-  PoseEstimate estimate() const noexcept { return describe(follower_.T_camera_marker(), follower_.rule(), t_); }
+  PoseEstimate estimate() const noexcept {
+    PoseEstimate pose;
+    describe(pose);
+    return pose;
+  }
 
   /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its information shrinks
   /// with its age.
-  PoseEstimate pose_at(Timestamp t) const noexcept {
-    Eigen::Isometry3d T_camera_marker = follower_.T_camera_marker();
-    Rule rule = follower_.rule();
-    rule.extrapolate(T_camera_marker, t);
-    return describe(T_camera_marker, rule, t);
-  }
+  PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
   PoseEstimate lose() noexcept {
@@ -132,24 +131,18 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  PoseEstimate describe(const Eigen::Isometry3d& T_camera_marker, const Rule& rule, Timestamp t) const noexcept {
-    PoseEstimate pose;
-    describe(T_camera_marker, rule, t, pose);
-    return pose;
-  }
-
   // Written where it is returned: at a pose for every event, copying it would cost as much as the matching.
   std::optional<PoseEstimate> update_estimate() const noexcept {
     std::optional<PoseEstimate> pose(std::in_place);
-    describe(follower_.T_camera_marker(), follower_.rule(), t_, *pose);
+    describe(*pose);
     return pose;
   }
 
-  void describe(const Eigen::Isometry3d& T_camera_marker, const Rule& rule, Timestamp t,
-                PoseEstimate& pose) const noexcept {
+  void describe(PoseEstimate& pose) const noexcept {
+    const Rule& rule = follower_.rule();
     pose.id = id_;
-    pose.t = t;
-    pose.T_camera_marker = T_camera_marker;
+    pose.t = t_;
+    pose.T_camera_marker = follower_.T_camera_marker();
     pose.information = rule.information();
     pose.twist = rule.twist();
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();

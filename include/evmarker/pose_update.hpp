@@ -33,4 +33,14 @@ concept PoseUpdateRule = std::copyable<R> &&
   { constant.twist() } -> std::same_as<std::optional<Vector6d>>;
 };
 
+/// A pose moved on to a later time by the rule that estimated it.
+template <PoseUpdateRule Rule>
+PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t) noexcept {
+  rule.extrapolate(pose.T_camera_marker, t);
+  pose.t = t;
+  pose.information = rule.information();
+  pose.twist = rule.twist();
+  return pose;
+}
+
 }  // namespace evmarker

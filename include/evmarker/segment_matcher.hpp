@@ -59,14 +59,13 @@ class SegmentMatcher {
   /// while any vertex is not in front of the camera or not finite, or no edge is to be seen.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     visible_ = false;
-    low_.setConstant(std::numeric_limits<double>::infinity());
-    high_ = -low_;
+    Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
     for (std::size_t i = 0; i < vertices_.size(); ++i) {
       vertices_[i].noalias() = T_camera_marker * model_.vertices[i];
       if (!(vertices_[i].z() > 1e-6 && vertices_[i].allFinite())) return false;
       const Eigen::Vector2d v = focal_length_ / vertices_[i].z() * vertices_[i].head<2>();
-      low_ = low_.cwiseMin(v);
-      high_ = high_.cwiseMax(v);
+      low = low.cwiseMin(v);
+      high = high.cwiseMax(v);
     }
     count_ = 0;
     for (std::size_t i = 0; i < model_.segments.size(); ++i) {
@@ -76,8 +75,8 @@ class SegmentMatcher {
       segments_[count_++].index = static_cast<int>(i);
     }
     const double fringe = std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px);
-    box_low_ = low_.array() - fringe;
-    box_high_ = high_.array() + fringe;
+    box_low_ = low.array() - fringe;
+    box_high_ = high.array() + fringe;
     visible_ = count_ > 0;
     return visible_;
   }
@@ -127,9 +126,6 @@ class SegmentMatcher {
 
   const MarkerModel& model() const noexcept { return model_; }
   double focal_length() const noexcept { return focal_length_; }
-  /// Corners of the projected wireframe's bounding box, in undistorted pixels from the principal point.
-  const Eigen::Vector2d& low() const noexcept { return low_; }
-  const Eigen::Vector2d& high() const noexcept { return high_; }
 
  private:
   struct ProjectedSegment {
@@ -180,7 +176,6 @@ class SegmentMatcher {
   std::vector<Eigen::Vector3d> vertices_;   // camera frame [m]
   std::vector<ProjectedSegment> segments_;  // the first `count_` are to be seen
   std::size_t count_ = 0;
-  Eigen::Vector2d low_{0, 0}, high_{0, 0};
   Eigen::Vector2d box_low_{0, 0}, box_high_{0, 0};  // no event outside is near a segment
   bool visible_ = false;
 };

@@ -74,6 +74,7 @@ class TrackerCore {
     require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
     require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
     require(settings.max_markers > 0, "max_markers", settings.max_markers);
+    settings_.marker.capture.reset();  // a detection has been fitted to the edges already
     markers_.reserve(settings.max_markers);
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers);

@@ -82,11 +82,13 @@ class Verification {
 
   /// Whether the error is within the thresholds, or within nine times what one has to expect. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
-    return error.translation_px <= std::max(settings_.max_translation_px, 9 * error.expected_px) &&
-           error.rotation_rad <= std::max(settings_.max_rotation_rad, 9 * error.expected_rad);
+    return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
+           error.rotation_rad <= std::max(settings_.max_rotation_rad, kExpected * error.expected_rad);
   }
 
  private:
+  static constexpr double kExpected = 9;  // standard deviations
+
   // From the forward tracker's last pose, with cleared averages, through the window's events in reverse; their times
   // run on from the last one, so that the rule sees time that passes.
   const Eigen::Isometry3d& backtrack(const EdgeFollower<Rule>& forward, const UndistortionTable& lines) noexcept {

@@ -98,15 +98,7 @@ class PublishedState {
       markers = markers_;
     }
     std::vector<PoseEstimate> poses;
-    for (auto& [pose, rule] : markers) {
-      if (now > pose.t) {
-        rule.extrapolate(pose.T_camera_marker, now);
-        pose.t = now;
-        pose.information = rule.information();
-        pose.twist = rule.twist();
-      }
-      poses.push_back(pose);
-    }
+    for (const auto& [pose, rule] : markers) poses.push_back(now > pose.t ? extrapolated(pose, rule, now) : pose);
     return poses;
   }
 

@@ -13,6 +13,7 @@ namespace evmarker::opencv {
 namespace detail {
 
 inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
+inline constexpr int kBlock = 4;  // side [px] of the blocks whose motion is told
 
 // The last polarities without the noise, which would cast votes, too: a pixel keeps its polarity if two neighbours
 // share it (the edge of a slow marker is a thin line), and takes the one that most of its neighbours have.
@@ -37,11 +38,11 @@ inline float later_us(std::uint32_t a, std::uint32_t b) {
 }
 
 // Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over ten
-// pixels to each side; one for every block of 4x4 pixels. Averaged along an edge it is the edge's normal, near
+// pixels to each side; one for every block. Averaged along an edge it is the edge's normal, near
 // a corner the motion itself.
 inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, const PolarityFrame& frame) {
-  constexpr int kBlock = 4, kWindow = 5;  // [px], [blocks]
-  constexpr float kAgreed = 0.2f;         // where the events do not agree, no direction is better than a wrong one
+  constexpr int kWindow = 5;       // [blocks]
+  constexpr float kAgreed = 0.2f;  // where the events do not agree, no direction is better than a wrong one
   const int width = seen.cols;
   cv::Mat_<cv::Vec3f> sum((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
   for (int y = 1; y + 1 < seen.rows; ++y)
@@ -99,7 +100,7 @@ inline cv::Mat guess_image(const PolarityFrame& frame) {
   for (int y = 0; y < seen.rows; ++y)
     for (int x = 0; x < seen.cols; ++x) {
       if (seen(y, x) == detail::kUnseen) continue;
-      const cv::Vec2f& direction = motion(y / 4, x / 4);
+      const cv::Vec2f& direction = motion(y / detail::kBlock, x / detail::kBlock);
       if (direction == cv::Vec2f(0, 0)) continue;
       const float left_behind = seen(y, x) > detail::kUnseen ? 1.0f : -1.0f;
       detail::cast_votes(seen, x, y, direction, -left_behind, reach_px, votes);
