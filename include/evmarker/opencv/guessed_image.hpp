@@ -13,7 +13,7 @@ namespace evmarker::opencv {
 namespace detail {
 
 inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
-inline constexpr int kBlock = 4;  // side [px] of the blocks whose motion is told
+inline constexpr int kBlock = 3;  // side [px] of the blocks whose motion is told
 
 // The last polarities without the noise, which would cast votes, too: a pixel keeps its polarity if two neighbours
 // share it (the edge of a slow marker is a thin line), and takes the one that most of its neighbours have.
@@ -37,24 +37,26 @@ inline float later_us(std::uint32_t a, std::uint32_t b) {
   return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
 }
 
-// Where the edges near a pixel are going: unit vectors toward the later events around each pixel, averaged over ten
-// pixels to each side; one for every block. Averaged along an edge it is the edge's normal, near
-// a corner the motion itself.
-inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, const PolarityFrame& frame) {
-  constexpr int kWindow = 5;       // [blocks]
+// Where the edges that left a polarity are going: unit vectors toward the later events around each pixel, averaged over
+// four pixels to each side; one for every block. Averaged along an edge it is the edge's normal, near a corner the
+// motion itself. Only among pixels of that polarity: the other one was left by another edge, or by this one before it
+// turned back.
+inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, std::uint8_t polarity,
+                                            const PolarityFrame& frame) {
+  constexpr int kWindow = 3;       // [blocks]
   constexpr float kAgreed = 0.2f;  // where the events do not agree, no direction is better than a wrong one
   const int width = seen.cols;
   cv::Mat_<cv::Vec3f> sum((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
   for (int y = 1; y + 1 < seen.rows; ++y)
     for (int x = 1; x + 1 < width; ++x) {
       const auto index = [&](int v, int u) { return static_cast<std::size_t>(v * width + u); };
-      const auto timed = [&](int v, int u) { return seen(v, u) != kUnseen && frame.pixels()[index(v, u)] != kUnseen; };
+      const auto left = [&](int v, int u) { return seen(v, u) == polarity && frame.pixels()[index(v, u)] == polarity; };
       const auto time = [&](int v, int u) { return frame.times()[index(v, u)]; };
-      if (!timed(y, x)) continue;
+      if (!left(y, x)) continue;
       cv::Vec2f later(0, 0);
       for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx)
-          if (timed(y + dy, x + dx))
+          if (left(y + dy, x + dx))
             later +=
                 later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
       const float length = std::hypot(later[0], later[1]);
@@ -87,22 +89,23 @@ inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const c
 /// edge has swept show what it left behind it; ahead of it, where nothing happened yet, it must be the opposite, and
 /// before the place where the edge came from, the same. Which end of the swept strip is which the times tell. So a
 /// marker is seen after a pixel of motion, while the polarities alone show it only when the motion exceeds its largest
-/// plain area. Where a motion has just turned back, or turns about a place in the marker, the two ends of a strip are
-/// mistaken for each other until it has gone on for some pixels.
+/// plain area.
 inline cv::Mat guess_image(const PolarityFrame& frame) {
   const SensorSize size = frame.sensor_size();
   const cv::Mat pixels(size.height, size.width, CV_8U,
                        const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
   const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
-  const cv::Mat_<cv::Vec2f> motion = detail::motion_of_blocks(seen, frame);
+  const cv::Mat_<cv::Vec2f> motion_on = detail::motion_of_blocks(seen, PolarityFrame::kOn, frame),
+                            motion_off = detail::motion_of_blocks(seen, PolarityFrame::kOff, frame);
   const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters
   cv::Mat_<float> votes(seen.size(), 0.0f);
   for (int y = 0; y < seen.rows; ++y)
     for (int x = 0; x < seen.cols; ++x) {
       if (seen(y, x) == detail::kUnseen) continue;
-      const cv::Vec2f& direction = motion(y / detail::kBlock, x / detail::kBlock);
+      const bool on = seen(y, x) == PolarityFrame::kOn;
+      const cv::Vec2f& direction = (on ? motion_on : motion_off)(y / detail::kBlock, x / detail::kBlock);
       if (direction == cv::Vec2f(0, 0)) continue;
-      const float left_behind = seen(y, x) > detail::kUnseen ? 1.0f : -1.0f;
+      const float left_behind = on ? 1.0f : -1.0f;
       detail::cast_votes(seen, x, y, direction, -left_behind, reach_px, votes);
       detail::cast_votes(seen, x, y, -direction, left_behind, reach_px, votes);
     }
