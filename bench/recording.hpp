@@ -45,21 +45,24 @@ inline Scene one_marker() {
   return {{marker}, {}, {}};
 }
 
-/// Markers of 7 cm in a grid that fills the image, each in a hand of its own. All wear the code of marker 7, so that
-/// the work for one marker is the same for all.
+/// Markers in a grid that fills the image, each in a hand of its own: up to 20 of 7 cm, up to 50 of 4 cm. All wear the
+/// code of marker 7, so that the work for one marker is the same for all.
 inline Scene many_markers(int count) {
-  constexpr int kColumns = 5, kRows = 4;
+  const bool small = count > 20;
+  const int columns = small ? 10 : 5, rows = small ? 5 : 4;
+  const double length = small ? 0.04 : 0.07, pitch_x = small ? 0.068 : 0.135, pitch_y = small ? 0.1 : 0.13;
   Scene scene;
   for (int i = 0; i < count; ++i) {
-    const double column = i % kColumns - (kColumns - 1) / 2.0, row = i / kColumns - (kRows - 1) / 2.0;
-    trajectory::Handheld sway{.T_center = facing_pose({0.135 * column, 0.13 * row, 0.6}),
-                              .amplitude_m = {0.02, 0.02, 0.03},
+    const double column = i % columns - (columns - 1) / 2.0, row = i / columns - (rows - 1) / 2.0;
+    const double amplitude = small ? 0.009 : 0.02;  // they do not hide each other
+    trajectory::Handheld sway{.T_center = facing_pose({pitch_x * column, pitch_y * row, 0.6}),
+                              .amplitude_m = {amplitude, amplitude, 0.03},
                               .amplitude_rad = {0.25, 0.25, 0.25},
                               .frequency_hz = 1.0};
     sway.seed = static_cast<std::uint64_t>(i) + 1;
     SimulatedMarker marker;
     marker.id = i;
-    marker.length = 0.07;
+    marker.length = length;
     marker.bits = code_bits();
     marker.T_camera_marker = trajectory::handheld(sway);
     scene.markers.push_back(marker);

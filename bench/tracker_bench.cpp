@@ -82,6 +82,6 @@ void tracker(benchmark::State& state) {
   state.counters["rotation_deg"] = rotation_deg;
   state.counters["coverage"] = coverage;
 }
-BENCHMARK(tracker)->Name("tracker")->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Unit(benchmark::kMillisecond);
+BENCHMARK(tracker)->Name("tracker")->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Arg(50)->Unit(benchmark::kMillisecond);
 
 }  // namespace

@@ -34,7 +34,7 @@ struct CountingRule {
   struct Settings {
     bool skip = false;
     double step_z = 0;
-    std::optional<Vector6d> twist = std::nullopt;
+    Vector6d twist = Vector6d::Zero();
   };
   CountingRule(const Settings& given, int events) : settings(given), events_per_update(events) {}
   void add(const Correspondence& c, const Isometry3d& T_camera_marker) noexcept {
@@ -52,10 +52,10 @@ struct CountingRule {
   void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept {
     ++reversals;
-    if (settings.twist) *settings.twist *= -1;
+    settings.twist *= -1;
   }
   Matrix6d information() const noexcept { return Matrix6d::Zero(); }
-  std::optional<Vector6d> twist() const noexcept { return settings.twist; }
+  Vector6d twist() const noexcept { return settings.twist; }
 
   Settings settings;
   int events_per_update, added = 0, updates = 0, reversals = 0;
@@ -305,7 +305,8 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
   CHECK(message_of(facing, {.update = {.rotation_gain = -1}}) == "decoupled update: rotation_gain is -1.000000");
   CHECK(message_of(kAhead, {}) == "T_camera_marker does not put the marker in front of the camera");  // from behind
   for (const Vector3d& t : {Vector3d(0, 0, -1), Vector3d(0, 0, 0), Vector3d(nan, 0, 1), Vector3d(0, 0, nan)})
-    CHECK(message_of(pose({std::numbers::pi, 0, 0}, t), {}) == "T_camera_marker does not put the marker in front of the camera");
+    CHECK(message_of(pose({std::numbers::pi, 0, 0}, t), {}) ==
+          "T_camera_marker does not put the marker in front of the camera");
 }
 
 namespace {
@@ -313,8 +314,7 @@ namespace {
 Vector6d twist(const Vector3d& v, const Vector3d& w) { return (Vector6d() << v, w).finished(); }
 
 // Follows the lone edge with a given twist; the first update, with one event, tells it to the follower.
-CountingFollower moving_edge(const std::optional<Vector6d>& twist,
-                             CountingFollower::Settings settings = {.polarity_check = true},
+CountingFollower moving_edge(const Vector6d& twist, CountingFollower::Settings settings = {.polarity_check = true},
                              const MarkerModel& model = lone_edge()) {
   settings.events_per_update = 1;
   settings.update.twist = twist;
@@ -390,7 +390,7 @@ TEST_CASE("a turning edge moves one way at one end and the other way at the othe
 TEST_CASE("seen backwards in time a marker contradicts the same events") {
   CountingFollower follower = moving_edge(kIntoTheDark);
   follower.reverse();
-  REQUIRE(follower.rule().twist()->y() == -0.5);
+  REQUIRE(follower.rule().twist().y() == -0.5);
   CHECK(follower.push(px(10, 1), 1, kOff).match == MatchResult::contradicting);
   CHECK(follower.push(px(10, 1), 2, kOn).match == MatchResult::matched);
   follower.reverse();
@@ -403,7 +403,7 @@ TEST_CASE("polarity is not checked where nothing sure is known, nor if it is not
     return follower.push(px(10, 1), 1, kOff).updated && follower.push(px(10, 1), 2, kOn).updated;
   };
   CHECK_FALSE(takes_both(moving_edge(kIntoTheDark)));
-  CHECK(takes_both(moving_edge(std::nullopt)));
+  CHECK(takes_both(moving_edge(Vector6d::Zero())));
   CHECK(takes_both(moving_edge(kIntoTheDark, {})));
   CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_s = 251})));
   CHECK_FALSE(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_s = 249})));

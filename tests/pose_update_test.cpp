@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <memory>
+#include <optional>
 #include <type_traits>
 
 using evmarker::Correspondence;
@@ -25,10 +26,7 @@ struct SlideRule {
     sum = 0;
     return true;
   }
-  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept { sum = 0; }
-  Matrix6d information() const noexcept { return Matrix6d::Zero(); }
-  std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
   int events;
   double sum = 0;
 };
@@ -45,10 +43,6 @@ struct ThrowingReverse : SlideRule {
   using SlideRule::SlideRule;
   void reverse() {}
 };
-struct ThrowingExtrapolate : SlideRule {
-  using SlideRule::SlideRule;
-  void extrapolate(Eigen::Isometry3d&, Timestamp) {}
-};
 struct SilentUpdate : SlideRule {
   using SlideRule::SlideRule;
   void update(Eigen::Isometry3d&, Timestamp) noexcept {}
@@ -61,14 +55,6 @@ struct WithoutTime : SlideRule {
   using SlideRule::SlideRule;
   bool update(Eigen::Isometry3d&) noexcept { return true; }
 };
-struct PlainTwist : SlideRule {
-  using SlideRule::SlideRule;
-  Vector6d twist() const noexcept { return Vector6d::Zero(); }
-};
-struct MutableInformation : SlideRule {
-  using SlideRule::SlideRule;
-  Matrix6d information() noexcept { return Matrix6d::Zero(); }
-};
 struct WithoutEventsPerUpdate : SlideRule {
   explicit WithoutEventsPerUpdate(const Settings& settings) : SlideRule(settings, 1) {}
 };
@@ -80,10 +66,31 @@ struct WithoutSettings {
   WithoutSettings(const NoSettings&, int) {}
   void add(const Correspondence&, const Eigen::Isometry3d&) noexcept {}
   bool update(Eigen::Isometry3d&, Timestamp) noexcept { return true; }
-  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept {}
-  Matrix6d information() const noexcept { return Matrix6d::Zero(); }
+};
+
+// Goes on along x at a metre a second.
+struct GlideRule : SlideRule {
+  using SlideRule::SlideRule;
+  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    T_camera_marker.translation().x() += 1e-6 * static_cast<double>(t - last_t);
+    last_t = t;
+  }
+  Matrix6d information() const noexcept { return Matrix6d::Identity() / static_cast<double>(1 + last_t); }
+  Vector6d twist() const noexcept { return Vector6d::Unit(0); }
+  Timestamp last_t = 0;
+};
+struct ThrowingExtrapolate : GlideRule {
+  using GlideRule::GlideRule;
+  void extrapolate(Eigen::Isometry3d&, Timestamp) {}
+};
+struct OptionalTwist : GlideRule {
+  using GlideRule::GlideRule;
   std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
+};
+struct MutableInformation : GlideRule {
+  using GlideRule::GlideRule;
+  Matrix6d information() noexcept { return Matrix6d::Zero(); }
 };
 
 }  // namespace
@@ -93,15 +100,19 @@ static_assert(!PoseUpdateRule<int>);
 static_assert(!PoseUpdateRule<ThrowingAdd>);
 static_assert(!PoseUpdateRule<ThrowingUpdate>);
 static_assert(!PoseUpdateRule<ThrowingReverse>);
-static_assert(!PoseUpdateRule<ThrowingExtrapolate>);
 static_assert(!PoseUpdateRule<SilentUpdate>);
 static_assert(!PoseUpdateRule<IntUpdate>);
 static_assert(!PoseUpdateRule<WithoutTime>);
-static_assert(!PoseUpdateRule<PlainTwist>);
-static_assert(!PoseUpdateRule<MutableInformation>);
 static_assert(!PoseUpdateRule<WithoutEventsPerUpdate>);
 static_assert(!PoseUpdateRule<NotCopyable>);
 static_assert(!PoseUpdateRule<WithoutSettings>);
+
+using evmarker::MotionEstimatingRule;
+static_assert(MotionEstimatingRule<GlideRule>);
+static_assert(!MotionEstimatingRule<SlideRule>);
+static_assert(!MotionEstimatingRule<ThrowingExtrapolate>);
+static_assert(!MotionEstimatingRule<OptionalTwist>);
+static_assert(!MotionEstimatingRule<MutableInformation>);
 
 namespace {
 
@@ -123,4 +134,23 @@ Eigen::Isometry3d after_two_events(const typename Rule::Settings& settings) {
 
 TEST_CASE("a rule of one's own moves the pose through the concept alone") {
   CHECK(after_two_events<SlideRule>({}).translation().x() == doctest::Approx(1.5e-3));
+}
+
+TEST_CASE("a pose goes on as its rule knows, or stays where it is") {
+  evmarker::PoseEstimate pose;
+  pose.id = 4;
+  pose.quality.matched = 17;
+  const auto gone_on = evmarker::extrapolated(pose, GlideRule({}, 1), 3000),
+             stays = extrapolated(pose, SlideRule({}, 1), 3000);
+  CHECK(gone_on.T_camera_marker.translation().x() == doctest::Approx(3e-3));
+  CHECK(gone_on.information(0, 0) == doctest::Approx(1.0 / 3001));
+  CHECK(*gone_on.twist == Vector6d::Unit(0));
+  CHECK(stays.T_camera_marker.matrix() == pose.T_camera_marker.matrix());
+  CHECK(stays.information.isZero());
+  CHECK_FALSE(stays.twist);
+  for (const auto& later : {gone_on, stays}) {
+    CHECK(later.t == 3000);
+    CHECK(later.id == 4);
+    CHECK(later.quality.matched == 17);
+  }
 }

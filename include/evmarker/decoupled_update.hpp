@@ -85,15 +85,10 @@ class DecoupledUpdate {
     return true;
   }
 
-  void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}  // it knows no velocity
-
   void reverse() noexcept {  // L and the lever arm are geometry, the same in both directions of time
     B_.setZero();
     Gamma_.setZero();
   }
-
-  Matrix6d information() const noexcept { return Matrix6d::Zero(); }
-  std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
 
  private:
   Settings settings_;

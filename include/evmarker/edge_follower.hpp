@@ -65,13 +65,15 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
-  Result push(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on = std::nullopt) noexcept {
+  Result push(const Eigen::Vector2d& m, Timestamp t,
+                                     std::optional<bool> on = std::nullopt) noexcept {
     Correspondence correspondence;
     const MatchResult match = matcher_.match(m, correspondence);
     if (match == MatchResult::far) return {match, false};
     ++offered_;
     if (match != MatchResult::matched) return {match, false};
-    if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
+    if constexpr (MotionEstimatingRule<Rule>)
+      if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
     correspondence.t = t;
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.distance_px * correspondence.distance_px;
@@ -119,7 +121,8 @@ class EdgeFollower {
   }
 
   void expect_motion() noexcept {
-    if (polarity_check_) twist_ = rule_.twist();
+    if constexpr (MotionEstimatingRule<Rule>)
+      if (polarity_check_) twist_ = rule_.twist();
   }
 
   bool update(Timestamp t) noexcept {

@@ -21,18 +21,20 @@ class FoundMarker {
       rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
   }
 
-  std::optional<PoseEstimate> push(const Event& event) noexcept {
+  const PoseEstimate* push(const Event& event) noexcept {
     if (rival_) [[unlikely]]
       rival_->push(event);
-    auto pose = tracker_.push(event);
+    const PoseEstimate* const pose = tracker_.push(event);
     if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
-      if (settle()) return tracker_.estimate();
+      if (settle()) return &tracker_.last_pose();
     return pose;
   }
 
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }
   const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
   MarkerId id() const noexcept { return tracker_.id(); }
+  /// Events with lines of sight outside of this do nothing until the next pose.
+  Eigen::AlignedBox2d reach() const noexcept { return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(); }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -151,7 +150,7 @@ class KalmanUpdate {
     mirror_lower(P);
     return P;
   }
-  std::optional<Vector6d> twist() const noexcept { return twist_; }
+  Vector6d twist() const noexcept { return twist_; }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return offset_px_; }
 
@@ -283,6 +282,6 @@ class KalmanUpdate {
   bool started_ = false;
 };
 
-static_assert(PoseUpdateRule<KalmanUpdate>);
+static_assert(MotionEstimatingRule<KalmanUpdate>);
 
 }  // namespace evmarker

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -75,6 +76,23 @@ class LatticeMatcher {
     if (place.tie || (e2(second) < rival * rival * norm2(second) && place_on(line(second), sight).edge))
       return MatchResult::ambiguous;
     return correspond(best, inverse_norm, *place.edge, m, correspondence);
+  }
+
+  /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
+  Eigen::AlignedBox2d reach() const noexcept {
+    if (!on_lattice_) return segments_.reach();
+    Eigen::AlignedBox2d box;
+    for (const double x : {-fringe_, lattice_->cells() + fringe_})
+      for (const double y : {-fringe_, lattice_->cells() + fringe_}) {
+        const Eigen::Vector3d P = x * steps_.col(0) + y * steps_.col(1) + h0_;
+        if (!(P.z() > 0)) return everywhere();
+        box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
+      }
+    return box;
+  }
+  static Eigen::AlignedBox2d everywhere() noexcept {
+    const Eigen::Vector2d far = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+    return {-far, far};
   }
 
   const MarkerModel& model() const noexcept { return segments_.model(); }

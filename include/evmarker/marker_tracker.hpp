@@ -46,7 +46,6 @@ class MarkerTracker {
   MarkerTracker(const Camera& camera, MarkerModel model, const Eigen::Isometry3d& T_camera_marker,
                 const Settings& settings = {}, MarkerId id = 0)
       : settings_(settings),
-        id_(id),
         lines_(camera),
         follower_(std::move(model), lines_.focal_length(), T_camera_marker,
                   {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
@@ -62,91 +61,99 @@ class MarkerTracker {
       throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
     if (!(settings.max_silent_share > 0 && settings.max_silent_share <= 1))
       throw std::invalid_argument("max_silent_share is " + std::to_string(settings.max_silent_share));
+    pose_.id = id;
     if (settings.capture) {
       capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
       capturing_ = true;
     }
   }
 
-  /// Takes one event. A pose every `events_per_update` matched ones, and one last pose with state `lost` when the
-  /// marker is lost; after that, nothing.
+  /// Takes one event. A pose every `events_per_update` matched ones, valid until the next push, and one last pose with
+  /// state `lost` when the marker is lost; after that, nothing (null).
   template <EventLike E>
-  std::optional<PoseEstimate> push(const E& foreign_event) noexcept {
+  const PoseEstimate* push(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
-    if (quality_.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return std::nullopt;
+    if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
     if (capturing_) [[unlikely]]
       return capture(event, m);
     const auto [match, updated, segment] =
         follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
-    if (match == MatchResult::far) return std::nullopt;
+    if (match == MatchResult::far) return nullptr;
     t_ = event.t;
 
-    offered_ = std::min(offered_ + 1, settings_.matched_fraction_events);
+    if (offered_ < settings_.matched_fraction_events) event_weight_ = 1.0 / ++offered_;
     const bool explained = match == MatchResult::matched || match == MatchResult::ambiguous;
-    matched_fraction_ += ((explained ? 1.0 : 0.0) - matched_fraction_) / offered_;
+    matched_fraction_ += event_weight_ * ((explained ? 1.0 : 0.0) - matched_fraction_);
     if (match == MatchResult::matched) coverage_.add(segment);
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {
       matched_ += follower_.last_update().matched;
-      quality_.updated_t = t_;
-      if (quality_.state == TrackingState::converging) add_misfit(follower_.last_update());
+      pose_.quality.updated_t = t_;
+      if (pose_.quality.state == TrackingState::converging) add_misfit(follower_.last_update());
     }
-    if (quality_.state == TrackingState::converging) {
+    if (pose_.quality.state == TrackingState::converging) {
       if (matched_ > settings_.converging_events) start_judging();
     } else if (matched_fraction_ < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
-      return lose();
+      return &lose();
     }
-    if (!updated) return std::nullopt;
-    if (!follower_.in_front() || out_of_image() || hidden()) return lose();
-    return update_estimate();
+    if (!updated) return nullptr;
+    if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
+    return &describe();
   }
 
   /// The present estimate: of the last update, or the start.
   PoseEstimate estimate() const noexcept {
-    PoseEstimate pose;
+    PoseEstimate pose = pose_;
     describe(pose);
     return pose;
   }
+
+  /// The last pose that `push` gave.
+  const PoseEstimate& last_pose() const noexcept { return pose_; }
 
   /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its information shrinks
   /// with its age.
   PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
-  PoseEstimate lose() noexcept {
-    quality_.state = TrackingState::lost;
-    return estimate();
+  const PoseEstimate& lose() noexcept {
+    pose_.quality.state = TrackingState::lost;
+    return describe();
   }
 
   /// How badly the edges explained the events while the tracker converged: root mean square distance of all events on
   /// or near the wireframe, the unmatched ones at the matching limit [px]. Tells which of two starts was the right one.
   double misfit_px() const noexcept { return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : 0; }
 
-  MarkerId id() const noexcept { return id_; }
+  /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
+  Eigen::AlignedBox2d reach() const noexcept {
+    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach();
+  }
+
+  MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
-  TrackingState state() const noexcept { return quality_.state; }
+  TrackingState state() const noexcept { return pose_.quality.state; }
   const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // Written where it is returned: at a pose for every event, copying it would cost as much as the matching.
-  std::optional<PoseEstimate> update_estimate() const noexcept {
-    std::optional<PoseEstimate> pose(std::in_place);
-    describe(*pose);
-    return pose;
+  // In place: at a pose for every event, making and copying one would cost as much as the matching.
+  const PoseEstimate& describe() noexcept {
+    describe(pose_);
+    return pose_;
   }
 
   void describe(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
-    pose.id = id_;
     pose.t = t_;
     pose.T_camera_marker = follower_.T_camera_marker();
-    pose.information = rule.information();
-    pose.twist = rule.twist();
+    if constexpr (MotionEstimatingRule<Rule>) {
+      pose.information = rule.information();
+      pose.twist = rule.twist();
+    }
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
-    pose.quality = quality_;
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
@@ -160,20 +167,20 @@ class MarkerTracker {
   }
 
   // The first events tell where the marker is; from there they are tracked.
-  std::optional<PoseEstimate> capture(const Event& event, const Eigen::Vector2d& m) noexcept {
-    if (!capture_->push(event, lines_.focal_length() * m)) return std::nullopt;
+  const PoseEstimate* capture(const Event& event, const Eigen::Vector2d& m) noexcept {
+    if (!capture_->push(event, lines_.focal_length() * m)) return nullptr;
     capturing_ = false;
     follower_.start_from(capture_->solve());
     verification_.start_window(follower_);
-    std::optional<PoseEstimate> pose;
+    const PoseEstimate* pose = nullptr;
     for (const Event& first : capture_->events())
-      if (auto next = push(first)) pose = next;
+      if (const PoseEstimate* const next = push(first)) pose = next;
     return pose;
   }
 
   // The first updates refine the detection; what happened in them is not held against the tracker.
   void start_judging() noexcept {
-    quality_.state = TrackingState::tracking;
+    pose_.quality.state = TrackingState::tracking;
     verification_.start_window(follower_);
     matched_fraction_ = 1;
     coverage_.restart();
@@ -182,14 +189,14 @@ class MarkerTracker {
   bool hidden() noexcept {
     if (!coverage_.due()) return false;
     const auto silent_share = coverage_.silent_share(model(), T_camera_marker());
-    return silent_share && *silent_share > settings_.max_silent_share && quality_.state == TrackingState::tracking;
+    return silent_share && *silent_share > settings_.max_silent_share && pose_.quality.state == TrackingState::tracking;
   }
 
   void note(const BacktrackError& error) noexcept {
-    quality_.backtrack_px = error.translation_px;
-    quality_.backtrack_rad = error.rotation_rad;
-    quality_.backtrack_angle_rad = error.angle_rad;
-    quality_.backtrack_t = t_;
+    pose_.quality.backtrack_px = error.translation_px;
+    pose_.quality.backtrack_rad = error.rotation_rad;
+    pose_.quality.backtrack_angle_rad = error.angle_rad;
+    pose_.quality.backtrack_t = t_;
   }
 
   // With less than half of the marker left in the image, no more events will come to tell where it went.
@@ -209,20 +216,20 @@ class MarkerTracker {
   }
 
   Settings settings_;
-  MarkerId id_;
   UndistortionTable lines_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
   EdgeCoverage coverage_;
   std::optional<Capture> capture_;  // kept when it is done: nothing is freed while events come
   Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
-  TrackingQuality quality_;
+  PoseEstimate pose_;  // the last one that was told, but `quality.state` and what verification found are as of now
   bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
   double misfit2_px_ = 0;  // sum over the events of the converging updates
   int misfit_events_ = 0;
   int offered_ = 0;              // events that the running mean below stands for
+  double event_weight_ = 1;      // one over them
   double matched_fraction_ = 1;  // running mean over the events on or near the wireframe
 };
 

@@ -1,7 +1,6 @@
 #pragma once
 // Floor 3. What an update rule must offer: how matched events move the pose.
 #include <concepts>
-#include <optional>
 
 #include "evmarker/pose.hpp"
 #include "evmarker/segment_matcher.hpp"
@@ -12,8 +11,8 @@ namespace evmarker {
 /// or allocates. It is a value: a copy goes on independently.
 template <typename R>
 concept PoseUpdateRule = std::copyable<R> &&
-    requires(R& rule, const R& constant, const Correspondence& correspondence, Eigen::Isometry3d& T_camera_marker,
-             Timestamp t, int events_per_update, const typename R::Settings& settings) {
+    requires(R& rule, const Correspondence& correspondence, Eigen::Isometry3d& T_camera_marker, Timestamp t,
+             int events_per_update, const typename R::Settings& settings) {
   /// Settings are validated here: std::invalid_argument names what is wrong.
   R(settings, events_per_update);
   /// Takes one matched event; the pose is the one at which it was matched.
@@ -22,24 +21,31 @@ concept PoseUpdateRule = std::copyable<R> &&
   /// Moves the pose to the time of the last event. False, with the pose as it was, for a skipped (singular) step.
   { rule.update(T_camera_marker, t) }
   noexcept->std::same_as<bool>;
-  /// Moves the pose on to a later time without events, as far as the rule knows how it moves.
-  { rule.extrapolate(T_camera_marker, t) }
-  noexcept;
   /// Forgets what was collected and prepares to run backwards in time.
   { rule.reverse() }
   noexcept;
-  /// Zero where the rule estimates none.
-  { constant.information() } -> std::convertible_to<Matrix6d>;
-  { constant.twist() } -> std::same_as<std::optional<Vector6d>>;
 };
 
-/// A pose moved on to a later time by the rule that estimated it.
+/// A rule that knows how the marker moves, too, and how well it knows its pose.
+template <typename R>
+concept MotionEstimatingRule = PoseUpdateRule<R> &&
+    requires(R& rule, const R& constant, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
+  /// Moves the pose on to a later time without events.
+  { rule.extrapolate(T_camera_marker, t) }
+  noexcept;
+  { constant.information() } -> std::same_as<Matrix6d>;
+  { constant.twist() } -> std::same_as<Vector6d>;
+};
+
+/// A pose moved on to a later time by the rule that estimated it, as far as it knows how.
 template <PoseUpdateRule Rule>
 PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t) noexcept {
-  rule.extrapolate(pose.T_camera_marker, t);
   pose.t = t;
-  pose.information = rule.information();
-  pose.twist = rule.twist();
+  if constexpr (MotionEstimatingRule<Rule>) {
+    rule.extrapolate(pose.T_camera_marker, t);
+    pose.information = rule.information();
+    pose.twist = rule.twist();
+  }
   return pose;
 }
 

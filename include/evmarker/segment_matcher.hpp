@@ -124,6 +124,10 @@ class SegmentMatcher {
     return MatchResult::matched;
   }
 
+  /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
+  Eigen::AlignedBox2d reach() const noexcept {
+    return visible_ ? Eigen::AlignedBox2d(box_low_ / focal_length_, box_high_ / focal_length_) : Eigen::AlignedBox2d();
+  }
   const MarkerModel& model() const noexcept { return model_; }
   double focal_length() const noexcept { return focal_length_; }
 

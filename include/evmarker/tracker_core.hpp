@@ -18,6 +18,7 @@
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/tile_map.hpp"
 #include "evmarker/undistortion_table.hpp"
 
 namespace evmarker {
@@ -65,7 +66,8 @@ class TrackerCore {
         lines_(camera),
         filter_(std::move(filter)),
         frame_(camera.sensor_size()),
-        history_(settings.history_events) {
+        history_(settings.history_events),
+        tiles_(lines_) {
     const auto require = [](bool good, const char* name, auto value) {
       if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
     };
@@ -92,8 +94,12 @@ class TrackerCore {
     frame_.update(event);
     history_.push(event);
     for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.push(event);
-    for (FoundMarker<Rule>& marker : markers_)
-      if (const auto pose = marker.push(event)) deliver(*pose);
+    tiles_.for_each_at(event, [&](std::size_t i) {
+      const PoseEstimate* const pose = markers_[i].push(event);
+      if (pose == nullptr) return;
+      deliver(*pose);
+      tiles_.move(i, markers_[i].reach());
+    });
     if (!poses_.empty()) drop_lost();
     return true;
   }
@@ -193,7 +199,13 @@ class TrackerCore {
   void drop_lost() {
     for (FoundMarker<Rule>& marker : markers_)
       if (marker.lost() && missing_.size() < settings_.max_markers) missing_.push_back({std::move(marker), last_t_});
-    std::erase_if(markers_, [](const auto& marker) { return marker.lost(); });
+    if (std::erase_if(markers_, [](const auto& marker) { return marker.lost(); }) > 0) place_markers();
+  }
+
+  // Enters all markers into the tiles anew: their places in the list have changed.
+  void place_markers() {
+    tiles_.resize(markers_.size());
+    for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
   }
 
   // So much later than the last look, or before it: a step back in time must not stop the detection.
@@ -227,6 +239,7 @@ class TrackerCore {
   void announce(FoundMarker<Rule> marker) {
     ++statistics_.registered;
     markers_.push_back(std::move(marker));
+    place_markers();
   }
 
   void start(const Findings::Found& found, std::uint64_t position) {
@@ -259,6 +272,7 @@ class TrackerCore {
     if (!silent || same_place(detection, marker->tracker().T_camera_marker())) return true;
     deliver(marker->tracker().lose());
     markers_.erase(marker);
+    place_markers();
     return false;
   }
 
@@ -271,6 +285,7 @@ class TrackerCore {
   Filter filter_;
   PolarityFrame frame_;
   EventHistory history_;
+  TileMap tiles_;                           // of `markers_`
   std::vector<FoundMarker<Rule>> markers_;  // announced
   std::vector<Unconfirmed> unconfirmed_;
   std::vector<Missing> missing_;  // lost a short time ago
