@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cinttypes>
 #include <csignal>
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <evmarker/evmarker.hpp>
@@ -14,11 +15,9 @@
 #include <limits>
 #include <mutex>
 #include <optional>
-#include <span>
 #include <stdexcept>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "console.hpp"
@@ -64,16 +63,23 @@ class EventTap {
     for (const auto* e = end - std::min(end - begin, room); e != end; ++e) waiting_.push_back(to_event(*e));
   }
 
-  const PolarityFrame& frame() {
+  /// The events until the poses were updated, so that they match; all of them where nothing moves.
+  const PolarityFrame& frame(const std::vector<PoseEstimate>& poses) {
     {
       const std::lock_guard lock(mutex_);
-      std::swap(waiting_, taken_);
+      taken_.insert(taken_.end(), waiting_.begin(), waiting_.end());
+      waiting_.clear();
     }
+    if (taken_.empty()) return frame_;
+    constexpr Timestamp kMostBehind_us = 100000;
+    Timestamp until = poses.empty() ? taken_.back().t : taken_.front().t;
+    for (const PoseEstimate& pose : poses) until = std::max(until, pose.quality.updated_t);
+    if (taken_.back().t - until > kMostBehind_us) until = taken_.back().t;
+    const auto later = std::ranges::find_if(taken_, [&](const Event& event) { return event.t > until; });
     const SensorSize size = frame_.sensor_size();
-    for (const Event& event : taken_)
-      if (size.contains(event.x, event.y)) frame_.update(event);
-    taken_.clear();
-    taken_.reserve(kMost);
+    for (auto event = taken_.begin(); event != later; ++event)
+      if (size.contains(event->x, event->y)) frame_.update(*event);
+    taken_.erase(taken_.begin(), later);
     return frame_;
   }
 
@@ -144,6 +150,7 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     settings.overload = live::OverloadPolicy::block;
     settings.wait_for_detector = true;
   }
+  const auto model_of = [&](MarkerId id) { return detector.model(id); };
   TrackingView view(camera);
   EventTap tap(camera.sensor_size());
   live::Pipeline pipeline(
@@ -169,18 +176,17 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     const live::Status status = pipeline.status();
     if (!status.error.empty()) break;
     const auto until = live::Clock::now() + 40ms;
-    if (window)
-      window->show(view.draw(
-                       tap.frame(), status.events, pipeline.tick(std::numeric_limits<Timestamp>::min()),
-                       [&](MarkerId id) { return detector.model(id); }, overlay_lines(status)),
-                   until);
-    else
+    if (window) {
+      const auto poses = pipeline.tick(std::numeric_limits<Timestamp>::min());  // as they were updated
+      window->show(view.draw(tap.frame(poses), status.events, poses, model_of, overlay_lines(status)), until);
+    } else {
       std::this_thread::sleep_until(until);
+    }
     if (!window && !options.quiet) lines.print_if_due(status);
   }
   const bool ended = !source.running();
   source.stop();
-  if (ended) pipeline.flush();
+  pipeline.flush();
   pipeline.stop();
   if (output) output->close();  // after a failure of the camera, too: what was tracked until then is right
   if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
