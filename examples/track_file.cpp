@@ -56,6 +56,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   {
     console::ProgressBar progress(options.quiet);
     for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
+      recording_checks::require_sane(recording, options.recording, options.camera, false);
       for (const Event& event : batch) {
         viewer.advance(event.t, tracker, model_of);
         for (const PoseEstimate& pose : tracker.push(event)) {
@@ -65,7 +66,6 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
         }
       }
       summary.add(batch);
-      recording_checks::require_sane(recording, options.recording, options.camera, false);
       progress.update(recording.bytes_read(), recording.bytes_total());
     }
   }

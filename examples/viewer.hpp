@@ -52,7 +52,7 @@ class Viewer {
   /// Takes every frame that is due before an event of time `t`; `model_of` gives the model of a marker's id.
   template <typename Tracker, typename ModelOf>
   void advance(evmarker::Timestamp t, const Tracker& tracker, const ModelOf& model_of) {
-    constexpr evmarker::Timestamp kStepBack_us = 100000, kJump_us = 10000000;  // the clock was set, no time passed
+    constexpr evmarker::Timestamp kStepBack_us = 100000, kJump_us = 1000000;  // the clock was set, no time passed
     if (!wanted_) return;
     if (!started_ || t < last_t_ - kStepBack_us || t > last_t_ + kJump_us) restart(t);
     last_t_ = std::max(last_t_, t);
