@@ -10,14 +10,15 @@
 #include <mutex>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 class OpenEbSource {
  public:
-  /// Opens a file or, where there is none, the camera with this serial number; without one the first that it finds.
+  /// Opens a file or, where there is none, the camera with this serial number, or the first that it finds.
   /// @throws std::runtime_error with OpenEB's reason
   OpenEbSource(const std::string& file, const std::string& serial, bool real_time) try
       : camera_(file.empty() ? Metavision::Camera::from_serial(serial) : open(file, real_time)) {
-  } catch (const Metavision::BaseException& error) {
+  } catch (const std::system_error& error) {
     throw std::runtime_error(file.empty() ? "camera: " + reason(error) : file + ": " + reason(error));
   }
 
@@ -33,13 +34,11 @@ class OpenEbSource {
   void stop() { camera_.stop(); }
   bool running() { return camera_.is_running(); }                          ///< also false at the end of a file
   std::string error() const { return (std::lock_guard(mutex_), error_); }  ///< why it stopped by itself, if it did
-
 #if METAVISION_SDK_VERSION_MAJOR >= 5
   evmarker::SensorSize sensor_size() { return {camera_.geometry().get_width(), camera_.geometry().get_height()}; }
 #else
   evmarker::SensorSize sensor_size() { return {camera_.geometry().width(), camera_.geometry().height()}; }
 #endif
-
  private:
   static Metavision::Camera open(const std::string& path, bool real_time) {  // times as recorded, not shifted to zero
 #if METAVISION_SDK_VERSION_MAJOR >= 4

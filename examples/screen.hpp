@@ -17,6 +17,7 @@
 #include <cstdio>
 #include <evmarker/io/output_file.hpp>
 #include <map>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
 #include <opencv2/videoio.hpp>
 #include <system_error>
@@ -84,9 +85,13 @@ class VideoFile {
     const auto codecs = kCodecs.find(ending);
     if (codecs == kCodecs.end()) throw fail("no video has the ending '" + ending + "'; try .mp4");
     { const evmarker::io::OutputFile probe(path); }  // says why where it cannot be created
+    namespace log = cv::utils::logging;
+    const log::LogLevel level = log::setLogLevel(log::LOG_LEVEL_SILENT);  // one line is told if all of them fail
     for (const auto& codec : codecs->second)
       if (writer_.open(part_.string(), cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), fps, size))
-        return;
+        break;
+    log::setLogLevel(level);
+    if (writer_.isOpened()) return;
     remove_part();
     throw fail("OpenCV's videoio has no codec here for " + std::to_string(size.width) + " x " +
                std::to_string(size.height) + " px at " + std::to_string(fps) + " frames/s; try .avi");
