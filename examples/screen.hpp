@@ -85,13 +85,10 @@ class VideoFile {
     const auto codecs = kCodecs.find(ending);
     if (codecs == kCodecs.end()) throw fail("no video has the ending '" + ending + "'; try .mp4");
     { const evmarker::io::OutputFile probe(path); }  // says why where it cannot be created
-    namespace log = cv::utils::logging;
-    const log::LogLevel level = log::setLogLevel(log::LOG_LEVEL_SILENT);  // one line is told if all of them fail
+    const Silence silence;
     for (const auto& codec : codecs->second)
       if (writer_.open(part_.string(), cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), fps, size))
-        break;
-    log::setLogLevel(level);
-    if (writer_.isOpened()) return;
+        return;
     remove_part();
     throw fail("OpenCV's videoio has no codec here for " + std::to_string(size.width) + " x " +
                std::to_string(size.height) + " px at " + std::to_string(fps) + " frames/s; try .avi");
@@ -113,6 +110,7 @@ class VideoFile {
   void close() {
     if (!writer_.isOpened()) return;
     writer_.release();
+    const Silence silence;
     const double written = cv::VideoCapture(part_.string()).get(cv::CAP_PROP_FRAME_COUNT);
     std::error_code error;
     if (written + 0.5 >= static_cast<double>(frames_)) {
@@ -126,6 +124,18 @@ class VideoFile {
   }
 
  private:
+  // OpenCV's own words about what fails: the one line of the error is enough.
+  class Silence {
+   public:
+    Silence() = default;
+    Silence(const Silence&) = delete;
+    Silence& operator=(const Silence&) = delete;
+    ~Silence() { cv::utils::logging::setLogLevel(level_); }
+
+   private:
+    cv::utils::logging::LogLevel level_ = cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  };
+
   // The first that works: not every build of OpenCV can write H.264.
   inline static const std::map<std::string, std::vector<std::string>> kCodecs{
       {".mp4", {"avc1", "mp4v"}}, {".mkv", {"H264", "mp4v"}}, {".avi", {"MJPG"}}};
