@@ -8,6 +8,7 @@ packages=(
   libopencv-dev libopencv-contrib-dev   # evmarker::opencv
   libreaderwriterqueue-dev              # evmarker::live
   libcli11-dev                          # examples
+  libopencv-highgui-dev libopencv-videoio-dev # examples: windows, videos
   doctest-dev libbenchmark-dev          # tests, benchmarks
   libapriltag-dev                       # one of the methods that evmarker_accuracy compares
   gnuplot-nox                           # plots

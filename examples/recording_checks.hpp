@@ -13,11 +13,11 @@ inline std::string show(evmarker::SensorSize size) {
 }
 
 /// @throws std::runtime_error naming both files and both sizes
-inline void require_size(const evmarker::io::EventReader& recording, const std::string& path,
-                         evmarker::SensorSize camera_size, const std::string& camera_path) {
-  if (recording.sensor_size() == camera_size) return;
-  throw std::runtime_error(path + ": recorded with " + show(recording.sensor_size()) +
-                           ", but image_width and image_height of " + camera_path + " say " + show(camera_size));
+inline void require_size(evmarker::SensorSize recorded, const std::string& path, evmarker::SensorSize camera_size,
+                         const std::string& camera_path) {
+  if (recorded == camera_size) return;
+  throw std::runtime_error(path + ": recorded with " + show(recorded) + ", but image_width and image_height of " +
+                           camera_path + " say " + show(camera_size));
 }
 
 /// A packet that was lost garbles a few words, which are counted and reported; beyond 1 % something is wrong.

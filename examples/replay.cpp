@@ -9,7 +9,6 @@
 #include <evmarker/live/pipeline.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
-#include <map>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -18,39 +17,24 @@
 #include <vector>
 
 #include "console.hpp"
+#include "live_options.hpp"
 #include "recording_checks.hpp"
-#include "track_options.hpp"
 
 using namespace evmarker;
 
 namespace {
 
-const std::map<std::string, live::OverloadPolicy> kPolicies{{"block", live::OverloadPolicy::block},
-                                                            {"drop-oldest", live::OverloadPolicy::drop_oldest},
-                                                            {"thin", live::OverloadPolicy::thin}};
-
-struct ReplayOptions : TrackOptions {
+struct ReplayOptions : LiveOptions {
   double speed = 1, detect_for_s = 0;
-  std::string policy = "drop-oldest";
   int packet_us = 100;
-  std::size_t queue_events = live::PipelineSettings<>{}.queue_events;
 
   void add_to(CLI::App& app) {
-    TrackOptions::add_to(app);
-    for (const char* name : {"--truth", "--overlay"}) app.remove_option(app.get_option(name));
-    app.get_option("--output")->description("poses of every marker as CSV (also --poses)");
-    app.add_option("--poses", output, "poses of every marker as CSV")->excludes("--output");
+    LiveOptions::add_to(app);
     app.add_option("--speed", speed, "how many times as fast as it was recorded")
         ->check(console::positive_number())
         ->capture_default_str();
-    app.add_option("--policy", policy, "when events come too fast: block, drop-oldest or thin")
-        ->check(CLI::IsMember({"block", "drop-oldest", "thin"}))
-        ->capture_default_str();
     app.add_option("--packet-us", packet_us, "recorded time between two deliveries of the camera")
         ->check(CLI::Range(1, 1000000))
-        ->capture_default_str();
-    app.add_option("--queue-events", queue_events, "that may wait at most")
-        ->check(CLI::Range(1024, 1 << 28))
         ->capture_default_str();
     app.add_option("--detect-for", detect_for_s, "look for markers only in the first seconds of the recording")
         ->check(console::positive_number());
@@ -111,10 +95,7 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
   std::printf("markers: %" PRIu64 " found, %" PRIu64 " lost; %" PRIu64 " steps back in time, %" PRIu64
               " gaps; %.2f s\n",
               s.registered, s.lost, s.time_steps_back, s.time_gaps, wall_s);
-  std::printf("latency_us p50=%.0f p99=%.0f max=%.0f events=%" PRIu64 " filtered=%" PRIu64 " dropped=%" PRIu64
-              " poses=%" PRIu64 "\n",
-              s.push_to_pose.p50_us, s.push_to_pose.p99_us, s.push_to_pose.max_us, s.events, s.filtered, s.dropped,
-              s.poses);
+  print_last_line(s);
 }
 
 template <PoseUpdateRule Rule>
@@ -123,19 +104,16 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   const std::vector<Board> boards = options.load_boards();
   BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
-  recording_checks::require_size(recording, options.recording, camera.sensor_size(), options.camera);
+  recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
   std::optional<io::PoseCsvWriter> output;
   if (!options.output.empty()) output.emplace(options.output, columns);
 
-  const live::PipelineSettings<Rule> settings{.tracker = options.settings<Rule>(rule),
-                                              .overload = kPolicies.at(options.policy),
-                                              .queue_events = options.queue_events};
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
         if (output) output->write(pose);
       },
-      settings);
+      options.pipeline_settings<Rule>(rule));
   Pace pace(options.speed);
   std::optional<Timestamp> begin;
   const auto start = live::Clock::now();

@@ -1,4 +1,4 @@
-// Tracks the markers of a recording: poses as CSV, a summary, a picture, the error against the truth.
+// Tracks the markers of a recording: poses as CSV, a summary, pictures, the error against the truth.
 #include <chrono>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
@@ -7,24 +7,43 @@
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "console.hpp"
 #include "recording_checks.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
+#include "viewer.hpp"
 
 using namespace evmarker;
 
 namespace {
 
+struct TrackFileOptions : TrackOptions {
+  std::string truth;
+  ViewerOptions view;
+
+  void add_to(CLI::App& app) {
+    TrackOptions::add_to(app);
+    app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");
+    app.add_option("--overlay", view.overlay, "picture of the tracked markers at the end of the recording");
+    app.add_option("--video", view.video, "video of the tracked markers, .mp4, .mkv or .avi");
+    app.add_option("--video-fps", view.video_fps, "frames per second of recorded time")
+        ->check(console::positive_number())
+        ->check(CLI::Range(1.0, 1000.0))
+        ->capture_default_str();
+    app.add_flag("--show", view.show, "show the same in a window, at the recording's pace");
+  }
+};
+
 template <PoseUpdateRule Rule>
-void track(const TrackOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+void track(const TrackFileOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   const std::vector<Board> boards = options.load_boards();
   BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
-  recording_checks::require_size(recording, options.recording, camera.sensor_size(), options.camera);
+  recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
   std::optional<io::GroundTruth> truth;
   if (!options.truth.empty()) truth = io::GroundTruth::read(options.truth);
   std::optional<io::PoseCsvWriter> output;
@@ -32,19 +51,22 @@ void track(const TrackOptions& options, const typename Rule::Settings& rule, io:
 
   Tracker tracker(camera, detector, options.settings<Rule>(rule));
   TrackSummary summary;
-  Snapshot snapshot(options.overlay);
+  const auto model_of = [&](MarkerId id) { return detector.model(id); };
+  Viewer viewer(camera, options.view);
   const auto start = std::chrono::steady_clock::now();
   {
     console::ProgressBar progress(options.quiet);
     for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
-      for (const Event& event : batch)
+      recording_checks::require_sane(recording, options.recording, options.camera, false);
+      for (const Event& event : batch) {
+        viewer.advance(event.t, tracker, model_of);
         for (const PoseEstimate& pose : tracker.push(event)) {
           if (output) output->write(pose);
           summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
+          viewer.add(pose);
         }
+      }
       summary.add(batch);
-      snapshot.take(camera, tracker);
-      recording_checks::require_sane(recording, options.recording, options.camera, false);
       progress.update(recording.bytes_read(), recording.bytes_total());
     }
   }
@@ -52,12 +74,12 @@ void track(const TrackOptions& options, const typename Rule::Settings& rule, io:
 
   recording_checks::require_sane(recording, options.recording, options.camera, true);
   if (truth) summary.require_compared(options.truth);
-  snapshot.write();
+  viewer.finish(tracker, model_of);
   if (output) output->close();
   summary.print(recording.statistics(), tracker.statistics(), wall.count());
 }
 
-void track(const TrackOptions& options) {
+void track(const TrackFileOptions& options) {
   options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
     track<Rule>(options, rule, columns);
   });
@@ -67,7 +89,7 @@ void track(const TrackOptions& options) {
 
 int main(int argc, char** argv) {
   CLI::App app("Tracks fiducial markers in an event camera's recording.", "track_file");
-  TrackOptions options;
+  TrackFileOptions options;
   options.add_to(app);
   return console::run(app, argc, argv, [&] { track(options); });
 }

@@ -13,7 +13,7 @@
 #include "console.hpp"
 
 struct TrackOptions {
-  std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output, truth, overlay;
+  std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output;
   double marker_length = 0;
   std::vector<std::string> boards;
   std::vector<int> ids;
@@ -42,8 +42,6 @@ struct TrackOptions {
         ->check(CLI::Range(1, 480000000))
         ->capture_default_str();
     app.add_option("--output", output, "poses of every marker as CSV");
-    app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");
-    app.add_option("--overlay", overlay, "picture of the tracked markers at the end of the recording");
     app.add_flag("--quiet", quiet, "no progress bar");
   }
 

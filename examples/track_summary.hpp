@@ -1,21 +1,16 @@
 #pragma once
-// What a tracking program tells at its end: counts, poses per marker, errors, time; and its picture.
+// What a tracking program tells at its end: counts, poses per marker, errors, time.
 #include <algorithm>
 #include <cinttypes>
 #include <cstdio>
 #include <evmarker/evmarker.hpp>
-#include <evmarker/io/output_file.hpp>
 #include <evmarker/io/recording_statistics.hpp>
-#include <evmarker/opencv/overlay.hpp>
-#include <filesystem>
 #include <limits>
 #include <map>
-#include <opencv2/imgcodecs.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
 class TrackSummary {
  public:
@@ -94,42 +89,4 @@ class TrackSummary {
   evmarker::Timestamp begin_ = std::numeric_limits<evmarker::Timestamp>::max();
   evmarker::Timestamp end_ = std::numeric_limits<evmarker::Timestamp>::min();
   std::map<evmarker::MarkerId, Marker> markers_;
-};
-
-/// The last look at tracked markers, ten times a second; the last look at all if there are none.
-class Snapshot {
- public:
-  /// @throws std::runtime_error where the picture cannot be written; nothing is, if told no path
-  explicit Snapshot(const std::string& path) : ending_(std::filesystem::path(path).extension().string()) {
-    if (path.empty()) return;
-    if (ending_.empty() || !cv::haveImageWriter(path))
-      throw std::runtime_error(path + ": no picture has the ending '" + ending_ + "'; try .png");
-    file_.emplace(path);
-  }
-
-  template <typename Tracker>
-  void take(const evmarker::PinholeCamera& camera, const Tracker& tracker) {
-    const evmarker::PolarityFrame& frame = tracker.polarity_frame();
-    if (!file_ || frame.t() < next_t_ || (tracker.markers().empty() && shows_marker_)) return;
-    next_t_ = frame.t() + 100000;
-    shows_marker_ = !tracker.markers().empty();
-    picture_ = evmarker::opencv::draw_frame(frame, 2);
-    for (const auto& marker : tracker.markers())
-      evmarker::opencv::draw_marker(picture_, camera, marker.model(), marker.estimate());
-  }
-
-  void write() {
-    if (!file_) return;
-    std::vector<uchar> bytes;
-    cv::imencode(ending_, picture_, bytes);
-    file_->write(std::as_bytes(std::span(bytes)));
-    file_->close();
-  }
-
- private:
-  std::string ending_;
-  std::optional<evmarker::io::OutputFile> file_;
-  evmarker::Timestamp next_t_ = std::numeric_limits<evmarker::Timestamp>::min();
-  bool shows_marker_ = false;
-  cv::Mat picture_;
 };

@@ -27,6 +27,10 @@
 
 #include "io_test_support.hpp"
 
+#ifdef EVMARKER_HAS_SCREEN
+#include <opencv2/videoio.hpp>
+#endif
+
 using namespace evmarker::io::test;
 
 namespace {
@@ -36,6 +40,11 @@ const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICK
                                                    {"track_file", EVMARKER_TRACK_FILE},
                                                    {"evaluate", EVMARKER_EVALUATE},
                                                    {"replay", EVMARKER_REPLAY}};
+#ifdef EVMARKER_HAS_SCREEN
+constexpr bool kScreen = true;
+#else
+constexpr bool kScreen = false;
+#endif
 const std::string kOptions = " --camera camera.yml --marker-length 0.10";
 const char* const kPoseHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
@@ -207,6 +216,77 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
   CHECK_FALSE(std::filesystem::exists(folder / "overlay.png.part"));
 }
 
+#ifdef EVMARKER_HAS_SCREEN
+
+namespace {
+
+/// Of the calibration that `simulate` writes, in a picture of twice the sensor's size.
+cv::Point in_picture(const Eigen::Vector3d& P) {
+  const auto pixel = [](double centre, double ratio) {
+    return static_cast<int>(std::lround(2 * (centre + 533 * ratio) + 0.5));
+  };
+  return {pixel(319.5, P.x() / P.z()), pixel(239.5, P.y() / P.z())};
+}
+
+/// Pixels within 3 px in which one of the colours (blue, green, red) leaves the others far behind.
+int count_of_color(const cv::Mat& picture, cv::Point at, int channel) {
+  const cv::Mat patch = picture(cv::Rect(at.x - 3, at.y - 3, 7, 7) & cv::Rect({}, picture.size()));
+  return static_cast<int>(std::count_if(patch.begin<cv::Vec3b>(), patch.end<cv::Vec3b>(), [&](const cv::Vec3b& c) {
+    return c[channel] > 150 && c[channel] > c[(channel + 1) % 3] + 80 && c[channel] > c[(channel + 2) % 3] + 80;
+  }));
+}
+
+}  // namespace
+
+TEST_CASE("examples: a video has a frame for every 20 ms of the recording and the axes where the marker is") {
+  const TemporaryFolder& folder = simulated();
+  const auto truth = read_table(simulated_file("truth.csv"));
+  const Result without = run(folder, "track_file recording.raw" + kOptions + " --output without.csv");
+  REQUIRE_MESSAGE(without.code == 0, without.err);
+  struct Case {
+    std::string options, file;
+    int fps;
+  };
+  for (const auto& [options, file, fps] : std::vector<Case>{
+           {"", "film.mp4", 50}, {" --video-fps 25", "film.avi", 25}, {" --video-fps 100", "film.mkv", 100}}) {
+    CAPTURE(file);
+    const Result result = run(folder, "track_file recording.raw" + kOptions + options + " --video " + file +
+                                          " --overlay last.png --output with.csv");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK(result.err.empty());
+    CHECK(read_file(folder / "with.csv") == read_file(folder / "without.csv"));
+    for (const char* part : {"film.part.mp4", "film.part.avi", "film.part.mkv"})
+      CHECK_FALSE(std::filesystem::exists(folder / part));
+
+    cv::VideoCapture video((folder / file.c_str()).string());
+    REQUIRE(video.isOpened());
+    CHECK(video.get(cv::CAP_PROP_FPS) == doctest::Approx(fps));
+    int frames = 0, with_axes = 0;
+    cv::Mat frame, last;
+    while (video.read(frame)) {
+      frame.copyTo(last);
+      REQUIRE(frame.size() == cv::Size(1280, 960));
+      cv::Scalar mean, spread;
+      cv::meanStdDev(frame, mean, spread);
+      CHECK(cv::norm(spread) > 3);  // not empty: the text alone makes more
+      ++frames;
+      const auto ms = static_cast<std::size_t>(frames * 1000 / fps);
+      if (ms < 100 || ms >= truth.size()) continue;
+      const Eigen::Vector3d origin = truth[ms].translation;
+      const auto at = [&](const Eigen::Vector3d& offset) { return in_picture(origin + truth[ms].rotation * offset); };
+      const bool x_red = count_of_color(frame, at({0.02, 0, 0}), 2) > 3;
+      const bool y_green = count_of_color(frame, at({0, 0.02, 0}), 1) > 3;
+      const bool elsewhere = count_of_color(frame, at({-0.02, 0, 0}), 2) > 3;  // where the axis would be if mirrored
+      with_axes += x_red && y_green && !elsewhere;
+    }
+    CHECK(frames == 6 * fps / 10);
+    CHECK(with_axes >= frames - fps / 10 - 2);  // the marker is found long before 100 ms
+    CHECK(cv::norm(last, cv::imread((folder / "last.png").string()), cv::NORM_L1) / (1280 * 960 * 3) < 4);
+  }
+}
+
+#endif
+
 TEST_CASE("examples: replay plays a recording at its own pace, tracks it and accounts for every event") {
   if (kPrograms.at("replay").empty()) {
     MESSAGE("skipped: built without the component live");
@@ -321,6 +401,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   const std::string with_camera = "track_file recording.raw --marker-length 0.10 --camera ";
   const auto track_this = [](const std::string& name) { return "track_file " + name + kOptions; };
   const auto body = [](std::string text) { return [text](const std::string&) { return text; }; };
+  for (const char* screen : {"DISPLAY", "WAYLAND_DISPLAY"}) ::unsetenv(screen);
 
   struct Case {
     std::string command;
@@ -383,6 +464,21 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --overlay missing/o.png", {"missing/o.png", "No such file"}},
       {track + " --overlay o.xyz", {"o.xyz", ".png"}},
       {track + " --overlay o", {"o: ", ".png"}},
+      {track + " --video missing/v.mp4", {"missing/v.mp4", kScreen ? "No such file" : "videoio"}},
+      {track + " --video v.xyz", {"v.xyz", kScreen ? ".mp4" : "videoio"}},
+      {track + " --video v", {"v: ", kScreen ? ".mp4" : "videoio"}},
+      {track + " --video v.mp4 --video-fps 0", {"--video-fps", "0 "}},
+      {track + " --video v.mp4 --video-fps nan", {"--video-fps", "nan"}},
+      {track + " --video v.mp4 --truth missing.csv", {"missing.csv", "No such file"}},
+      {"track_file none.raw --video v.mp4" + kOptions,
+       {"none.raw", kScreen ? "no events" : "videoio"},
+       "none.raw",
+       with_body(body(""))},
+      {track + " --video v.mp4 --truth t.csv",
+       {kScreen ? "t.csv" : "videoio"},
+       "t.csv",
+       replaced(simulated_file("truth.csv"), ",7,tracking", ",9,tracking")},
+      {track + " --show", {"--show", "window"}},
       {"track_file recording.raw --marker-length 0.10", {"--camera", "required"}},
       {"track_file recording.raw --camera camera.yml", {"--marker-length", "required"}},
       {track + " --board missing.yml", {"board missing.yml", "No such file"}},

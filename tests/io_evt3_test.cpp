@@ -42,7 +42,7 @@ std::vector<Timestamp> times(const std::vector<Event>& events) {
 
 Decoded round_trip(const std::vector<Event>& events, SensorSize size, std::size_t* bytes_written = nullptr) {
   std::vector<std::byte> bytes;
-  Evt3Encoder encoder;
+  Evt3Encoder encoder(size.width);
   encoder.encode(events, bytes);
   if (bytes_written != nullptr) *bytes_written = bytes.size();
   Decoded result;
@@ -189,7 +189,35 @@ TEST_CASE("EVT3: neighbours in a row share words") {
   for (std::uint16_t column = 0; column < 640; ++column) events.push_back({column, 3, 1, 77});
   std::size_t bytes = 0;
   CHECK(round_trip(events, {640, 480}, &bytes).events == events);
-  CHECK(bytes == 2 * (2 + 1 + 1 + 54));  // time, row, base, 640 / 12 vectors
+  CHECK(bytes == 2 * (2 + 1 + 20 * 4));  // time, row, 640 / 32 vectors of four words
+}
+
+TEST_CASE("EVT3: vectors are written as cameras write them, twelve, twelve and eight columns, all on the sensor") {
+  for (const int width : {640, 346, 33, 32, 31}) {
+    std::vector<Event> events;
+    for (int i = 0; i < 4; ++i)
+      for (int column = i; column < width; column += 1 + i)
+        events.push_back({static_cast<std::uint16_t>(column), static_cast<std::uint16_t>(i), 1, 77 + i});
+    CHECK(round_trip(events, {width, 480}).events == events);
+
+    std::vector<std::byte> bytes;
+    Evt3Encoder(width).encode(events, bytes);
+    std::vector<unsigned> words;
+    for (std::size_t i = 0; i < bytes.size(); i += 2)
+      words.push_back(std::to_integer<unsigned>(bytes[i]) | std::to_integer<unsigned>(bytes[i + 1]) << 8U);
+    int vectors = 0, others = 0;
+    for (std::size_t i = 0; i < words.size(); ++i) {
+      const auto type = [&](std::size_t ahead) { return i + ahead < words.size() ? words[i + ahead] >> 12U : 0; };
+      others += type(0) == 4 || type(0) == 5;
+      if (type(0) != 3) continue;
+      ++vectors;
+      CHECK((type(1) == 4 && type(2) == 4 && type(3) == 5));
+      CHECK((words[i] & 0x7FFU) + 32 <= static_cast<unsigned>(width));
+      i += 3;
+    }
+    CHECK(others == 0);
+    CHECK((vectors > 0) == (width >= 32));
+  }
 }
 
 TEST_CASE("EVT3: long pauses, the first event late, and steps back of seconds") {
@@ -208,7 +236,7 @@ TEST_CASE("EVT3: long pauses, the first event late, and steps back of seconds") 
 TEST_CASE("EVT3: what it cannot hold is refused by name") {
   std::vector<std::byte> bytes;
   const auto refuse = [&](Timestamp first, Timestamp second) {
-    Evt3Encoder encoder;
+    Evt3Encoder encoder(640);
     const std::vector<Event> events{{0, 0, 0, first}, {0, 0, 0, second}};
     return error_of<std::invalid_argument>([&] { encoder.encode(events, bytes); });
   };
@@ -216,7 +244,7 @@ TEST_CASE("EVT3: what it cannot hold is refused by name") {
   CHECK(contains(refuse(5, -3), "t is -3"));
   CHECK(contains(refuse(5, 1700000000000000), "too far ahead"));
   CHECK(refuse((1 << 24) - 1, 1 << 24).empty());
-  Evt3Encoder encoder;
+  Evt3Encoder encoder(640);
   CHECK(contains(error_of<std::invalid_argument>([&] {
                    encoder.encode(TriggerEvent{16, true, 0}, bytes);
                  }),
@@ -225,7 +253,7 @@ TEST_CASE("EVT3: what it cannot hold is refused by name") {
 
 TEST_CASE("EVT3: triggers are written between events") {
   std::vector<std::byte> bytes;
-  Evt3Encoder encoder;
+  Evt3Encoder encoder(640);
   encoder.encode(std::vector<Event>{{1, 2, 1, 5000}}, bytes);
   encoder.encode(TriggerEvent{15, true, 5001}, bytes);
   encoder.encode(TriggerEvent{0, false, 9000}, bytes);

@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,23 @@ TEST_CASE("a frame shows ON, OFF and untouched in three colours, enlarged withou
     opencv::draw_events(events, {8, 6}, std::vector<Event>{{1, 2, 1, 10}, {3, 4, 0, 11}, {8, 0, 1, 12}, {0, 6, 1, 13}});
     CHECK(changed(picture, events) == 0);
   }
+}
+
+TEST_CASE("events fade with their age until they are gone") {
+  PolarityFrame frame({8, 6});
+  frame.update({1, 2, 1, 1000});
+  frame.update({3, 2, 1, 31000});
+  frame.update({5, 2, 1, 61000});
+  frame.update({7, 2, 0, 61000});
+  const auto at = [](const cv::Mat& picture, int x) { return picture.at<cv::Vec3b>(2, x); };
+  const cv::Mat staying = opencv::draw_frame(frame),
+                fading = opencv::draw_frame(frame, 1, std::chrono::milliseconds(60));
+  CHECK(at(staying, 1) == at(staying, 5));
+  CHECK(at(fading, 5) == at(staying, 5));
+  CHECK(at(fading, 7) == at(staying, 7));
+  CHECK(at(fading, 3)[0] < at(fading, 5)[0]);
+  CHECK(at(fading, 3)[0] > at(fading, 1)[0]);
+  CHECK(at(fading, 1) == at(fading, 0));  // the ground
 }
 
 TEST_CASE("edges lie where the lens images them") {

@@ -172,18 +172,22 @@ class Evt3Decoder {
 /// sequence. The caller has checked that they lie on a sensor of at most 2048 x 2048 px.
 class Evt3Encoder {
  public:
+  /// @param width of the sensor: no vector reaches beyond it
+  explicit Evt3Encoder(int width) : width_(static_cast<std::uint32_t>(width)) {}
+
   /// Appends the words of the events. @throws std::invalid_argument naming a time that EVT3 cannot hold
   void encode(std::span<const Event> events, std::vector<std::byte>& bytes) {
     while (!events.empty()) {
       const Event& first = events.front();
       go_to(first.t, bytes);
       if (first.y != y_) put(bytes, Evt3Word::addr_y, y_ = first.y);
-      // A vector costs its base and one word per 12 columns: it pays from three events in 12 columns on.
-      if (events_within(events, first.x) >= 3) {
-        put(bytes, Evt3Word::vect_base_x, address(first));
-        events = events.subspan(encode_vectors(events, bytes));
+      const std::uint32_t base = std::min<std::uint32_t>(first.x, width_ - std::min(width_, kVectorLength));
+      const std::size_t count = width_ < kVectorLength ? 0 : events_within(events, base);
+      if (count > kVectorWords) {
+        encode_vector(events.first(count), base, bytes);
+        events = events.subspan(count);
       } else {
-        put(bytes, Evt3Word::addr_x, address(first));
+        put(bytes, Evt3Word::addr_x, address(first.x, first.p));
         events = events.subspan(1);
       }
     }
@@ -198,16 +202,15 @@ class Evt3Encoder {
   }
 
  private:
-  static constexpr std::uint32_t kVectorLength = 12;
+  static constexpr std::uint32_t kVectorLength = 32;
+  static constexpr std::size_t kVectorWords = 4;  // its base and three masks
 
   static void put(std::vector<std::byte>& bytes, Evt3Word type, std::uint32_t payload) {
     append_word(bytes, static_cast<std::uint16_t>(static_cast<std::uint32_t>(type) << 12U | payload));
   }
-  static std::uint32_t address(const Event& event) noexcept {
-    return std::uint32_t{event.x} | (event.p > 0 ? 1U << 11U : 0U);
-  }
+  static std::uint32_t address(std::uint32_t x, std::int16_t p) noexcept { return x | (p > 0 ? 1U << 11U : 0U); }
 
-  // Number of events from the first on that share row, time and polarity, go right, and lie in 12 columns from `base`.
+  // Number of events from the first on that share row, time and polarity, go right, and lie in a vector from `base`.
   static std::size_t events_within(std::span<const Event> events, std::uint32_t base) noexcept {
     std::size_t count = 0;
     for (; count < events.size(); ++count) {
@@ -219,23 +222,14 @@ class Evt3Encoder {
     return count;
   }
 
-  // Writes vector after vector until one would be empty, or until the events no longer go right; how many it wrote.
-  static std::size_t encode_vectors(std::span<const Event> events, std::vector<std::byte>& bytes) {
-    std::size_t written = 0;
-    for (std::uint32_t base = events.front().x; written < events.size(); base += kVectorLength) {
-      if (!same_vector_line(events[0], events[written])) break;
-      const std::size_t count = events_within(events.subspan(written), base);
-      if (count == 0) break;
-      std::uint32_t mask = 0;
-      for (const Event& event : events.subspan(written, count)) mask |= 1U << (event.x - base);
-      put(bytes, Evt3Word::vect_12, mask);
-      written += count;
-    }
-    return written;
-  }
-
-  static bool same_vector_line(const Event& a, const Event& b) noexcept {
-    return a.t == b.t && a.y == b.y && (a.p > 0) == (b.p > 0);
+  // Always 12, 12 and 8 columns: the camera writes no others, and OpenEB takes the three words as one.
+  static void encode_vector(std::span<const Event> events, std::uint32_t base, std::vector<std::byte>& bytes) {
+    std::uint32_t mask = 0;
+    for (const Event& event : events) mask |= 1U << (event.x - base);
+    put(bytes, Evt3Word::vect_base_x, address(base, events.front().p));
+    put(bytes, Evt3Word::vect_12, mask & 0xFFFU);
+    put(bytes, Evt3Word::vect_12, mask >> 12U & 0xFFFU);
+    put(bytes, Evt3Word::vect_8, mask >> 24U);
   }
 
   void go_to(Timestamp t, std::vector<std::byte>& bytes) {
@@ -254,6 +248,7 @@ class Evt3Encoder {
     t_ = t;
   }
 
+  std::uint32_t width_;
   TimeHighEncoder<12> high_;
   Timestamp t_ = -1;
   std::uint32_t y_ = ~0U;

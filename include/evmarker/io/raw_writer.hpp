@@ -29,7 +29,7 @@ class RawWriter {
   /// @throws std::invalid_argument for a size or format that cannot be written, RecordingError where the file cannot
   RawWriter(std::filesystem::path path, SensorSize size, RawFormat format = RawFormat::evt3)
       : size_(checked(size, format)), file_(std::move(path)) {
-    if (format == RawFormat::evt3) encoder_ = Evt3Encoder();
+    if (format == RawFormat::evt3) encoder_ = Evt3Encoder(size.width);
     file_.write(make_raw_header(format, size));
   }
 

@@ -2,7 +2,9 @@
 // opencv. Pictures of events, markers and poses for people to look at.
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <ranges>
@@ -20,8 +22,8 @@ namespace evmarker::opencv {
 /// Colours (blue, green, red) in which events and markers are told apart on a dark ground.
 namespace color {
 inline const cv::Scalar kGround(28, 24, 22);
-inline const cv::Scalar kOn(140, 112, 70);
-inline const cv::Scalar kOff(58, 52, 98);
+inline const cv::Scalar kOn(178, 138, 84);
+inline const cv::Scalar kOff(84, 72, 150);
 inline const cv::Scalar kConverging(60, 190, 255);
 inline const cv::Scalar kTracking(100, 255, 110);
 inline const cv::Scalar kLost(90, 90, 255);
@@ -76,7 +78,7 @@ void draw_edge(cv::Mat& picture, const Camera& camera, const Eigen::Vector3d& fr
   }
 }
 
-inline double text_scale(const cv::Mat& picture) { return std::clamp(picture.cols / 1100.0, 0.4, 1.5); }
+inline double text_scale(const cv::Mat& picture) { return std::clamp(picture.cols / 1600.0, 0.4, 1.5); }
 
 inline int line_width(const cv::Mat& picture) { return std::clamp(picture.cols / 450, 1, 3); }
 
@@ -116,17 +118,31 @@ inline cv::Mat make_picture(SensorSize size, int scale = 1) {
 }
 
 /// The frame of last polarities in colour, `scale` picture pixels to a sensor pixel.
-inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1) {
+/// @param fade age at which an event has faded into the ground; zero: they stay
+inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1, std::chrono::microseconds fade = {}) {
   const SensorSize size = frame.sensor_size();
   cv::Mat enlarged = make_picture(size, scale), picture = make_picture(size);
-  const auto bgr = [](const cv::Scalar& c) {
-    return cv::Vec3b(cv::saturate_cast<uchar>(c[0]), cv::saturate_cast<uchar>(c[1]), cv::saturate_cast<uchar>(c[2]));
-  };
-  const cv::Vec3b on = bgr(color::kOn), off = bgr(color::kOff);
+  constexpr std::uint32_t kShades = 64;
+  std::array<std::array<cv::Vec3b, kShades>, 2> shades;  // of OFF and ON, by age
+  for (std::uint32_t age = 0; age < kShades; ++age) {
+    const double left = std::pow(1 - static_cast<double>(age) / kShades, 2);  // the newest edge stands out
+    const auto shade = [&](const cv::Scalar& c) {
+      const cv::Scalar mixed = left * c + (1 - left) * color::kGround;
+      return cv::Vec3b(cv::Vec4b(mixed).val);
+    };
+    shades[0][age] = shade(color::kOff);
+    shades[1][age] = shade(color::kOn);
+  }
+  const auto newest = static_cast<std::uint32_t>(frame.t());  // ages are right for 71 minutes, as its times are
+  const auto lifetime = static_cast<std::uint64_t>(std::max<std::int64_t>(fade.count(), 0));
   auto pixel = frame.pixels().begin();
+  auto time = frame.times().begin();
   for (int y = 0; y < size.height; ++y)
-    for (int x = 0; x < size.width; ++x, ++pixel)
-      if (*pixel != PolarityFrame::kUntouched) picture.at<cv::Vec3b>(y, x) = *pixel == PolarityFrame::kOn ? on : off;
+    for (int x = 0; x < size.width; ++x, ++pixel, ++time) {
+      if (*pixel == PolarityFrame::kUntouched) continue;
+      const std::uint64_t age = lifetime == 0 ? 0 : std::uint64_t{newest - *time} * kShades / lifetime;
+      if (age < kShades) picture.at<cv::Vec3b>(y, x) = shades[*pixel == PolarityFrame::kOn ? 1 : 0][age];
+    }
   cv::resize(picture, enlarged, enlarged.size(), 0, 0, cv::INTER_NEAREST);
   return enlarged;
 }
@@ -168,36 +184,44 @@ void draw_axes(cv::Mat& picture, const Camera& camera, const Eigen::Isometry3d& 
   for (int axis = 0; axis < 3; ++axis)
     detail::draw_edge(picture, camera, T_camera_marker.translation(),
                       T_camera_marker * (length * Eigen::Vector3d::Unit(axis)), colors[static_cast<std::size_t>(axis)],
-                      detail::line_width(picture) + 1, scale);
+                      2 * detail::line_width(picture) + 1, scale);
 }
 
-/// A tracked marker: its edges in the colour of its state, its axes, its id and state beside it.
+/// A tracked marker: its edges in the colour of its state, its axes; beside it id, state and what else there is to say.
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
-void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& model, const PoseEstimate& pose) {
+void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& model, const PoseEstimate& pose,
+                 const std::string& note = "") {
   const Eigen::Isometry3d& T = pose.T_camera_marker;
   const double scale = detail::scale_of(picture, camera);
   const cv::Scalar shade = state_color(pose.quality.state);
   draw_wireframe(picture, camera, model, T, shade, detail::line_width(picture));
   double radius = 0;
-  Eigen::Vector2d right_end(-1e9, 0);
+  Eigen::Vector2d left_end(1e9, 0), right_end(-1e9, 0);
   for (const Eigen::Vector3d& vertex : model.vertices) {
     radius = std::max(radius, vertex.norm());
     const Eigen::Vector3d P = T * vertex;
     if (!(P.z() > 1e-3)) continue;
     const Eigen::Vector2d p = camera.project(P);
     if (p.allFinite() && p.x() > right_end.x()) right_end = p;
+    if (p.allFinite() && p.x() < left_end.x()) left_end = p;
   }
   draw_axes(picture, camera, T, radius / 2);
   if (right_end.x() < -1e8) return;
-  const std::string label = "id " + std::to_string(pose.id) + " " + to_string(pose.quality.state);
+  const std::string label =
+      "id " + std::to_string(pose.id) + " " + to_string(pose.quality.state) + (note.empty() ? "" : "  " + note);
   const cv::Size text = detail::text_size(picture, label);
   const auto inside = [](double v, int most) {
     return static_cast<int>(std::lround(std::clamp(v, 0.0, static_cast<double>(std::max(0, most)))));
   };
+  // Right of the marker, or left of it where there is no room.
+  constexpr double kGap_px = 10;
+  double x = (right_end.x() + kGap_px) * scale;
+  const bool fits = x + text.width + 8 <= picture.cols;
+  if (!fits) x = (left_end.x() - kGap_px) * scale - text.width - 8;
   draw_text(picture, label,
-            {inside((right_end.x() + 10) * scale, picture.cols - text.width - 8),
-             inside(right_end.y() * scale - text.height / 2.0, picture.rows - text.height - 6)},
+            {inside(x, picture.cols - text.width - 8),
+             inside((fits ? right_end : left_end).y() * scale - text.height / 2.0, picture.rows - text.height - 6)},
             shade);
 }
 

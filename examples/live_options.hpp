@@ -1,0 +1,42 @@
+#pragma once
+// The options of the programs that track on threads, and the line with which they end.
+#include <cinttypes>
+#include <cstddef>
+#include <cstdio>
+#include <evmarker/live/pipeline.hpp>
+#include <map>
+#include <string>
+
+#include "track_options.hpp"
+
+struct LiveOptions : TrackOptions {
+  std::string policy = "drop-oldest";
+  std::size_t queue_events = evmarker::live::PipelineSettings<>{}.queue_events;
+
+  void add_to(CLI::App& app) {
+    TrackOptions::add_to(app);
+    app.get_option("--output")->description("poses of every marker as CSV (also --poses)");
+    app.add_option("--poses", output, "poses of every marker as CSV")->excludes("--output");
+    app.add_option("--policy", policy, "when events come too fast: block, drop-oldest or thin")
+        ->check(CLI::IsMember({"block", "drop-oldest", "thin"}))
+        ->capture_default_str();
+    app.add_option("--queue-events", queue_events, "that may wait at most")
+        ->check(CLI::Range(1024, 1 << 28))
+        ->capture_default_str();
+  }
+
+  template <evmarker::PoseUpdateRule Rule>
+  evmarker::live::PipelineSettings<Rule> pipeline_settings(const typename Rule::Settings& rule) const {
+    using evmarker::live::OverloadPolicy;
+    const std::map<std::string, OverloadPolicy> policies{
+        {"block", OverloadPolicy::block}, {"drop-oldest", OverloadPolicy::drop_oldest}, {"thin", OverloadPolicy::thin}};
+    return {.tracker = settings<Rule>(rule), .overload = policies.at(policy), .queue_events = queue_events};
+  }
+};
+
+inline void print_last_line(const evmarker::live::Status& s) {
+  std::printf("latency_us p50=%.0f p99=%.0f max=%.0f events=%" PRIu64 " filtered=%" PRIu64 " dropped=%" PRIu64
+              " poses=%" PRIu64 "\n",
+              s.push_to_pose.p50_us, s.push_to_pose.p99_us, s.push_to_pose.max_us, s.events, s.filtered, s.dropped,
+              s.poses);
+}

@@ -1,0 +1,209 @@
+// Tracks the markers that a camera sees, or any file that OpenEB opens, while they are shown on the screen.
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cinttypes>
+#include <csignal>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <evmarker/evmarker.hpp>
+#include <evmarker/io/pose_writer.hpp>
+#include <evmarker/live/pipeline.hpp>
+#include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/opencv/calibration.hpp>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "console.hpp"
+#include "live_options.hpp"
+#include "openeb_source.hpp"
+#include "recording_checks.hpp"
+#include "screen.hpp"
+#include "tracking_view.hpp"
+
+using namespace evmarker;
+using namespace std::chrono_literals;
+
+namespace {
+
+std::atomic<bool> interrupted{false};
+
+struct CameraOptions : LiveOptions {
+  std::string serial;
+  bool every_event = false, no_display = false;
+
+  void add_to(CLI::App& app) {
+    LiveOptions::add_to(app);
+    CLI::Option* file = app.get_option("recording");
+    file->required(false)->description("any file that OpenEB opens, in place of a camera");
+    app.add_option("--serial", serial, "the camera with this serial number; default: the first one")->excludes(file);
+    app.add_flag("--every-event", every_event,
+                 "of a file: as fast as tracking goes and nothing dropped, for the poses of track_file")
+        ->needs(file)
+        ->excludes("--policy");
+    app.add_flag("--no-display", no_display, "no window but a line per second");
+    app.get_option("--quiet")->description("no line per second");
+  }
+};
+
+// What the camera's thread hands to the picture; it never waits for the drawing.
+class EventTap {
+ public:
+  explicit EventTap(SensorSize size) : frame_(size) { waiting_.reserve(kMost); }
+
+  void push(const Metavision::EventCD* begin, const Metavision::EventCD* end) {
+    const std::lock_guard lock(mutex_);
+    const auto room = static_cast<std::ptrdiff_t>(kMost - waiting_.size());
+    for (const auto* e = end - std::min(end - begin, room); e != end; ++e) waiting_.push_back(to_event(*e));
+  }
+
+  /// The events until the poses were updated, so that they match; all of them where nothing moves.
+  const PolarityFrame& frame(const std::vector<PoseEstimate>& poses) {
+    {
+      const std::lock_guard lock(mutex_);
+      taken_.insert(taken_.end(), waiting_.begin(), waiting_.end());
+      waiting_.clear();
+    }
+    if (taken_.empty()) return frame_;
+    constexpr Timestamp kMostBehind_us = 100000;
+    Timestamp until = poses.empty() ? taken_.back().t : taken_.front().t;
+    for (const PoseEstimate& pose : poses) until = std::max(until, pose.quality.updated_t);
+    if (taken_.back().t - until > kMostBehind_us) until = taken_.back().t;
+    const auto later = std::ranges::find_if(taken_, [&](const Event& event) { return event.t > until; });
+    const SensorSize size = frame_.sensor_size();
+    for (auto event = taken_.begin(); event != later; ++event)
+      if (size.contains(event->x, event->y)) frame_.update(*event);
+    taken_.erase(taken_.begin(), later);
+    return frame_;
+  }
+
+ private:
+  static constexpr std::size_t kMost = 1u << 20;  // between two pictures; they need no more
+  std::mutex mutex_;
+  std::vector<Event> waiting_, taken_;
+  PolarityFrame frame_;
+};
+
+std::string latency_text(const live::Status& s) {
+  if (s.push_to_pose.count == 0) return "no pose yet";
+  char text[96];
+  std::snprintf(text, sizeof text, "latency %.0f us, 99 %% within %.0f us", s.push_to_pose.p50_us,
+                s.push_to_pose.p99_us);
+  return text;
+}
+
+std::vector<std::string> overlay_lines(const live::Status& s) {
+  std::vector<std::string> lines{latency_text(s)};
+  if (s.dropped > 0) lines.push_back(std::to_string(s.dropped) + " events dropped");
+  return lines;
+}
+
+/// A line on the terminal once a second.
+class StatusLines {
+ public:
+  void print_if_due(const live::Status& s) {
+    const auto now = live::Clock::now();
+    const std::chrono::duration<double> since = now - last_;
+    if (since < 1s) return;
+    const auto rate = [&](std::uint64_t a, std::uint64_t b) {
+      return short_number(static_cast<double>(a - b) / since.count());
+    };
+    std::string markers;
+    for (const live::MarkerStatus& marker : s.markers)
+      markers += ", marker " + std::to_string(marker.id) + " " + to_string(marker.state);
+    std::printf("%.0f s: %s events/s, %s poses/s, %s, %" PRIu64 " dropped%s\n",
+                std::chrono::duration<double>(now - start_).count(), rate(s.events, events_).c_str(),
+                rate(s.poses, poses_).c_str(), latency_text(s).c_str(), s.dropped,
+                markers.empty() ? ", no marker" : markers.c_str());
+    std::fflush(stdout);
+    last_ = now;
+    events_ = s.events;
+    poses_ = s.poses;
+  }
+
+ private:
+  live::Clock::time_point start_ = live::Clock::now(), last_ = start_;
+  std::uint64_t events_ = 0, poses_ = 0;
+};
+
+template <PoseUpdateRule Rule>
+void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+  const PinholeCamera camera = opencv::load_calibration(options.camera);
+  const std::vector<Board> boards = options.load_boards();
+  BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
+  std::optional<Window> window;
+  if (!options.no_display && Window::possible()) window.emplace("track_camera");
+  const std::string name = options.recording.empty() ? "camera" : options.recording;
+  OpenEbSource source(options.recording, options.serial, !options.every_event);
+  recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera);
+  std::optional<io::PoseCsvWriter> output;
+  if (!options.output.empty()) output.emplace(options.output, columns);
+
+  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
+  if (options.every_event) {
+    settings.overload = live::OverloadPolicy::block;
+    settings.wait_for_detector = true;
+  }
+  const auto model_of = [&](MarkerId id) { return detector.model(id); };
+  TrackingView view(camera);
+  EventTap tap(camera.sensor_size());
+  live::Pipeline pipeline(
+      camera, detector,
+      [&](const PoseEstimate& pose) {
+        if (output) output->write(pose);
+        if (window) view.add(pose);
+      },
+      settings);
+  source.start([&](const Metavision::EventCD* begin, const Metavision::EventCD* end) {
+    pipeline.push(begin, end);
+    if (window) tap.push(begin, end);
+  });
+
+  for (const int signal : {SIGINT, SIGTERM})
+    std::signal(signal, [](int caught) {
+      interrupted = true;
+      std::signal(caught, SIG_DFL);  // the second one ends it at once
+    });
+  live::lower_priority_of_this_thread();  // drawing is what may wait
+  StatusLines lines;
+  while (source.running() && !interrupted && !(window && window->closed())) {
+    const live::Status status = pipeline.status();
+    if (!status.error.empty()) break;
+    const auto until = live::Clock::now() + 40ms;
+    if (window) {
+      const auto poses = pipeline.tick(std::numeric_limits<Timestamp>::min());  // as they were updated
+      window->show(view.draw(tap.frame(poses), status.events, poses, model_of, overlay_lines(status)), until);
+    } else {
+      std::this_thread::sleep_until(until);
+    }
+    if (!window && !options.quiet) lines.print_if_due(status);
+  }
+  const bool ended = !source.running();
+  source.stop();
+  pipeline.flush();
+  pipeline.stop();
+  if (output) output->close();  // after a failure of the camera, too: what was tracked until then is right
+  if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
+  if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and told no reason");
+  std::printf("ended: %s\n", ended ? "end of the file" : interrupted ? "interrupted" : "window closed");
+  print_last_line(pipeline.status());
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Tracks fiducial markers with an event camera, live, and shows them.", "track_camera");
+  CameraOptions options;
+  options.add_to(app);
+  return console::run(app, argc, argv, [&] {
+    options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
+      track<Rule>(options, rule, columns);
+    });
+  });
+}
