@@ -37,6 +37,7 @@ struct ReplayOptions : TrackOptions {
   double speed = 1, detect_for_s = 0;
   std::string policy = "drop-oldest";
   int packet_us = 100;
+  bool find_first = false;
   int tick_us = 0;
   std::string triggers, delays;
   std::size_t queue_events = live::PipelineSettings<>{}.queue_events;
@@ -60,6 +61,8 @@ struct ReplayOptions : TrackOptions {
         ->capture_default_str();
     app.add_option("--detect-for", detect_for_s, "look for markers only in the first seconds of the recording")
         ->check(console::positive_number());
+    app.add_flag("--find-first", find_first,
+                 "a twentieth as fast until a marker is tracked: to see an overload from then on");
     app.add_option("--tick-us", tick_us, "write poses every so often, moved on to that time, not one for each update")
         ->check(CLI::Range(1, 1000000000));
     app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
@@ -72,11 +75,15 @@ class Pace {
  public:
   explicit Pace(double speed) : speed_(speed) {}
 
+  void set_speed(double speed) {
+    if (speed != std::exchange(speed_, speed)) again_ = true;
+  }
+
   void wait_until(Timestamp t) {
     constexpr double kJump_us = 1e6;
     const auto now = live::Clock::now();
-    if (starts_.empty() || std::abs(static_cast<double>(t) - static_cast<double>(last_t_)) > kJump_us)
-      starts_.push_back({t, now});
+    if (std::exchange(again_, false) || std::abs(static_cast<double>(t) - static_cast<double>(last_t_)) > kJump_us)
+      starts_.push_back({t, speed_, now});
     last_t_ = t;
     if (const auto then = wall(starts_.back(), t); then > now) std::this_thread::sleep_until(then);
   }
@@ -90,15 +97,17 @@ class Pace {
  private:
   struct Start {
     Timestamp t;
+    double speed;
     live::Clock::time_point wall;
   };
 
-  live::Clock::time_point wall(const Start& start, Timestamp t) const {
-    return start.wall + std::chrono::nanoseconds(std::llround(1000 * static_cast<double>(t - start.t) / speed_));
+  static live::Clock::time_point wall(const Start& start, Timestamp t) {
+    return start.wall + std::chrono::nanoseconds(std::llround(1000 * static_cast<double>(t - start.t) / start.speed));
   }
 
   double speed_;
-  std::vector<Start> starts_;  // of the recording, and after jumps
+  bool again_ = true;
+  std::vector<Start> starts_;  // of the recording, and after jumps and changes of speed
   Timestamp last_t_ = 0;
 };
 
@@ -108,10 +117,8 @@ struct Delivery {
   live::Clock::time_point wall;
 };
 
-void write_delays(const std::string& path, const std::vector<Delivery>& deliveries, const Pace& pace,
-                  live::Clock::time_point start) {
+std::string delay_table(const std::vector<Delivery>& deliveries, const Pace& pace, live::Clock::time_point start) {
   using Milliseconds = std::chrono::duration<double, std::milli>;
-  io::OutputFile file(path);
   std::string text = "time_s,delay_ms\n";
   for (const Delivery& delivery : deliveries) {
     io::append_number(text, 1e-3 * Milliseconds(delivery.wall - start).count());
@@ -119,8 +126,7 @@ void write_delays(const std::string& path, const std::vector<Delivery>& deliveri
     io::append_number(text, Milliseconds(delivery.wall - pace.wall(delivery.t, delivery.wall)).count());
     text += '\n';
   }
-  file.write(text);
-  file.close();
+  return text;
 }
 
 void append(std::string& text, const TriggerEvent& trigger) {
@@ -163,6 +169,17 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
               s.poses);
 }
 
+// Says early what cannot be written.
+std::optional<io::OutputFile> open_output(const std::string& path) {
+  if (path.empty()) return std::nullopt;
+  return io::OutputFile(path);
+}
+
+void complete(std::optional<io::OutputFile>& file, const std::string& text) {
+  file->write(text);
+  file->close();
+}
+
 // As a camera delivers: what has happened since the last packet, and trigger events in their place.
 template <typename Pipeline>
 void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, Pipeline& pipeline,
@@ -172,6 +189,7 @@ void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, 
     auto batch = recording.next_batch();
     auto triggers = recording.triggers();
     more = !batch.empty();
+    if (options.find_first) pace.set_speed(pipeline.status().registered > 0 ? options.speed : options.speed / 20);
     while (!batch.empty() || !triggers.empty()) {
       if (!triggers.empty() && (batch.empty() || triggers[0].t < batch[0].t)) {
         pace.wait_until(triggers[0].t);
@@ -203,8 +221,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   recording_checks::require_size(recording, options.recording, camera.sensor_size(), options.camera);
   std::optional<io::PoseCsvWriter> output;
   if (!options.output.empty()) output.emplace(options.output, columns);
-  std::optional<io::OutputFile> trigger_file;
-  if (!options.triggers.empty()) trigger_file.emplace(options.triggers);
+  auto trigger_file = open_output(options.triggers), delay_file = open_output(options.delays);
   std::string triggers = "t_us,id,rising\n";
   std::vector<Delivery> deliveries;
 
@@ -223,7 +240,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
-        if (!options.delays.empty()) deliveries.push_back({pose.t, live::Clock::now()});
+        if (delay_file) deliveries.push_back({pose.t, live::Clock::now()});
         if (output && !ticks) output->write(pose);
       },
       settings);
@@ -240,11 +257,8 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
   if (output) output->close();
-  if (trigger_file) {
-    trigger_file->write(triggers);
-    trigger_file->close();
-  }
-  if (!options.delays.empty()) write_delays(options.delays, deliveries, pace, start);
+  if (trigger_file) complete(trigger_file, triggers);
+  if (delay_file) complete(delay_file, delay_table(deliveries, pace, start));
   print(pipeline.status(), pipeline.latency(), wall.count());
 }
 

@@ -38,7 +38,7 @@ struct PipelineSettings {
   /// Called every `tick_interval` of camera time, at its multiples, with all tracked markers' poses moved on to that
   /// time: for a controller. Their covariance grows with their age, `t - quality.updated_t`. Where no events come, the
   /// wall clock runs camera time on, but not with `wait_for_detector`.
-  std::function<void(Timestamp t, std::span<const PoseEstimate>)> on_tick;
+  std::function<void(Timestamp t, std::span<const PoseEstimate>)> on_tick = {};
   std::chrono::microseconds tick_interval{1000};
   /// Called with every trigger event that was pushed, in its place among the poses.
   std::function<void(const TriggerEvent&)> on_trigger = {};

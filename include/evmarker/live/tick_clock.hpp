@@ -34,8 +34,8 @@ class TickClock {
 
   /// The next tick that is due at a camera time; it is done then.
   std::optional<Timestamp> due(Timestamp now) noexcept {
+    if (now >= next_ && elapsed_us(next_, now) > gap_us_) start(now);
     if (now < next_) return std::nullopt;
-    if (elapsed_us(next_, now) > gap_us_) start(now);
     return std::exchange(next_, next_ + interval_us_);
   }
 
