@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <chrono>
+#include <limits>
 #include <vector>
 
 #include "evmarker/live/tick_clock.hpp"
@@ -56,6 +57,15 @@ TEST_CASE("a clock that is restarted or jumps begins anew, a little disorder cha
   CHECK(play(clock, {900000}).size() == 899);             // a pause
   CHECK(play(clock, {Timestamp{1} << 40}).empty());       // no million ticks
   CHECK(play(clock, {(Timestamp{1} << 40) + 1000}).size() == 1);
+}
+
+TEST_CASE("the last time that there is brings no tick after it") {
+  TickClock clock(1000us, 1s);
+  constexpr Timestamp kLast = std::numeric_limits<Timestamp>::max();
+  CHECK(play(clock, {kLast - 1000, kLast}).size() <= 1);
+  CHECK(play(clock, {std::numeric_limits<Timestamp>::min(), kLast}).size() <= 1);
+  CHECK(clock.now(Clock::time_point{1h}) == kLast);
+  CHECK(play(clock, {1000, 2000}) == Ticks{1000, 2000});
 }
 
 TEST_CASE("without events the wall clock runs camera time on") {

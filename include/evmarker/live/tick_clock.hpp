@@ -1,5 +1,6 @@
 #pragma once
 // live. When poses are due at a fixed rate of camera time.
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <limits>
@@ -35,13 +36,13 @@ class TickClock {
   /// The next tick that is due at a camera time; it is done then.
   std::optional<Timestamp> due(Timestamp now) noexcept {
     if (now >= next_ && elapsed_us(next_, now) > gap_us_) start(now);
-    if (now < next_) return std::nullopt;
-    return std::exchange(next_, next_ + interval_us_);
+    if (now < next_ || next_ == kNever) return std::nullopt;
+    return std::exchange(next_, later(next_, interval_us_));
   }
 
   /// Camera time by the wall clock, if no events came since the last block.
   Timestamp now(Clock::time_point wall) const noexcept {
-    return started_ ? last_t_ + std::chrono::duration_cast<std::chrono::microseconds>(wall - last_pushed_).count()
+    return started_ ? later(last_t_, std::chrono::duration_cast<std::chrono::microseconds>(wall - last_pushed_).count())
                     : std::numeric_limits<Timestamp>::min();
   }
 
@@ -55,18 +56,24 @@ class TickClock {
   }
 
  private:
+  static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
   static constexpr std::uint64_t kDisorder_us = 10000;  // events of one camera may be that much out of order
 
   void start(Timestamp t) noexcept {
     started_ = true;
     const Timestamp behind = t % interval_us_;
-    next_ = behind == 0 ? t : t - behind + (behind > 0 ? interval_us_ : 0);
+    next_ = behind > 0 ? later(t, interval_us_ - behind) : t - behind;
+  }
+
+  // A garbled time may be the last one that there is.
+  static Timestamp later(Timestamp t, std::int64_t us) noexcept {
+    return us > 0 && t > kNever - us ? kNever : t + std::max<std::int64_t>(us, 0);
   }
 
   std::int64_t interval_us_;
   std::uint64_t gap_us_;
   bool started_ = false;
-  Timestamp next_ = std::numeric_limits<Timestamp>::max();
+  Timestamp next_ = kNever;
   Timestamp last_t_ = 0;           // of the last block
   Clock::time_point last_pushed_;  // when it was
 };
