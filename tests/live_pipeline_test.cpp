@@ -368,7 +368,7 @@ TEST_CASE("trigger events come out as they went in, in their place among the pos
   }
 }
 
-TEST_CASE("trigger events survive events that are dropped; too many are dropped and counted") {
+TEST_CASE("trigger events survive events that are dropped, and too many are dropped and counted") {
   live::EventIntake intake(1024, OverloadPolicy::drop_oldest, 1s);
   intake.open();
   const std::vector<Event> piece(256);
