@@ -19,6 +19,7 @@
 #include "evmarker/live/latency_histogram.hpp"
 #include "evmarker/live/published_state.hpp"
 #include "evmarker/live/status.hpp"
+#include "evmarker/live/thread_priority.hpp"
 #include "evmarker/live/tick_clock.hpp"
 #include "evmarker/tracker_core.hpp"
 #include "evmarker/trigger_event.hpp"
@@ -159,6 +160,7 @@ class Pipeline {
 
   // The tracking thread.
   void run() {
+    shorten_turns_of_this_thread();
     while (!stopping_) {
       EventBlock* const block = intake_.take(ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience);
       if (!settings_.wait_for_detector) take_answer_between_events();
