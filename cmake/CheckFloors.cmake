@@ -10,7 +10,7 @@ set(max_lines 300)
 set(always_allowed "^([a-z0-9_]+|Eigen/[A-Za-z]+)$") # what stands between < and >: C++ headers and Eigen
 set(core_folders "" simulation)
 set(folder_may_include_io "^$")
-set(folder_may_include_live "^(readerwriterqueue/readerwritercircularbuffer\\.h|sys/resource\\.h)$")
+set(folder_may_include_live "^(readerwriterqueue/readerwritercircularbuffer\\.h|sched\\.h|sys/(resource|syscall)\\.h|unistd\\.h)$")
 set(folder_may_include_opencv "^opencv2/[a-z0-9_/]+\\.hpp$")
 
 get_filename_component(root ${INCLUDE_DIR}/evmarker ABSOLUTE)

@@ -1,14 +1,18 @@
 // Plays a recording at its own pace through the live pipeline, as a camera would, and tells the latency of the poses.
+#include <algorithm>
 #include <chrono>
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
+#include <evmarker/io/output_file.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/live/pipeline.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <functional>
+#include <iterator>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -27,6 +31,9 @@ namespace {
 struct ReplayOptions : LiveOptions {
   double speed = 1, detect_for_s = 0;
   int packet_us = 100;
+  bool find_first = false;
+  int tick_us = 0;
+  std::string triggers, delays;
 
   void add_to(CLI::App& app) {
     LiveOptions::add_to(app);
@@ -38,6 +45,12 @@ struct ReplayOptions : LiveOptions {
         ->capture_default_str();
     app.add_option("--detect-for", detect_for_s, "look for markers only in the first seconds of the recording")
         ->check(console::positive_number());
+    app.add_flag("--find-first", find_first,
+                 "a twentieth as fast until a marker is tracked: to see an overload from then on");
+    app.add_option("--tick-us", tick_us, "write poses every so often, moved on to that time, not one for each update")
+        ->check(CLI::Range(1, 1000000000));
+    app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
+    app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
   }
 };
 
@@ -46,26 +59,63 @@ class Pace {
  public:
   explicit Pace(double speed) : speed_(speed) {}
 
+  void set_speed(double speed) {
+    if (speed != std::exchange(speed_, speed)) again_ = true;
+  }
+
   void wait_until(Timestamp t) {
     constexpr double kJump_us = 1e6;
     const auto now = live::Clock::now();
-    const double ahead_us = static_cast<double>(t) - static_cast<double>(last_t_);
-    if (!started_ || std::abs(ahead_us) > kJump_us) {
-      started_ = true;
-      next_ = now;
-    } else {
-      next_ += std::chrono::nanoseconds(std::llround(1000 * ahead_us / speed_));
-    }
+    if (std::exchange(again_, false) || std::abs(static_cast<double>(t) - static_cast<double>(last_t_)) > kJump_us)
+      starts_.push_back({t, speed_, now});
     last_t_ = t;
-    if (next_ > now) std::this_thread::sleep_until(next_);
+    if (const auto then = wall(starts_.back(), t); then > now) std::this_thread::sleep_until(then);
+  }
+
+  /// When a recorded time was, for what was seen at `now`.
+  live::Clock::time_point wall(Timestamp t, live::Clock::time_point now) const {
+    const auto later = std::ranges::upper_bound(starts_, now, {}, &Start::wall);
+    return wall(later == starts_.begin() ? starts_.front() : *std::prev(later), t);
   }
 
  private:
+  struct Start {
+    Timestamp t;
+    double speed;
+    live::Clock::time_point wall;
+  };
+
+  static live::Clock::time_point wall(const Start& start, Timestamp t) {
+    return start.wall + std::chrono::nanoseconds(std::llround(1000 * static_cast<double>(t - start.t) / start.speed));
+  }
+
   double speed_;
-  bool started_ = false;
+  bool again_ = true;
+  std::vector<Start> starts_;  // of the recording, and after jumps and changes of speed
   Timestamp last_t_ = 0;
-  live::Clock::time_point next_;
 };
+
+// When poses came out.
+struct Delivery {
+  Timestamp t;
+  live::Clock::time_point wall;
+};
+
+std::string delay_table(const std::vector<Delivery>& deliveries, const Pace& pace, live::Clock::time_point start) {
+  using Milliseconds = std::chrono::duration<double, std::milli>;
+  std::string text = "time_s,delay_ms\n";
+  for (const Delivery& delivery : deliveries) {
+    io::append_number(text, 1e-3 * Milliseconds(delivery.wall - start).count());
+    text += ',';
+    io::append_number(text, Milliseconds(delivery.wall - pace.wall(delivery.t, delivery.wall)).count());
+    text += '\n';
+  }
+  return text;
+}
+
+void append(std::string& text, const TriggerEvent& trigger) {
+  text += std::to_string(trigger.t) + ',' + std::to_string(trigger.id) + ',' + (trigger.rising ? "1\n" : "0\n");
+}
 
 // The first events of a batch, as many as the camera would deliver at once.
 std::size_t packet_size(std::span<const Event> events, Timestamp end) {
@@ -92,10 +142,55 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
               s.queue_wait.max_us);
   std::printf("detection: %" PRIu64 " looks, p50 %.0f us, p99 %.0f us, max %.0f us; %" PRIu64 " events replayed\n",
               s.detections, s.detection.p50_us, s.detection.p99_us, s.detection.max_us, s.replayed);
+  if (s.replays_cut > 0) std::printf("replays that lacked events: %" PRIu64 "\n", s.replays_cut);
+  if (s.triggers > 0) std::printf("triggers: %" PRIu64 ", %" PRIu64 " dropped\n", s.triggers, s.triggers_dropped);
   std::printf("markers: %" PRIu64 " found, %" PRIu64 " lost; %" PRIu64 " steps back in time, %" PRIu64
               " gaps; %.2f s\n",
               s.registered, s.lost, s.time_steps_back, s.time_gaps, wall_s);
   print_last_line(s);
+}
+
+// Says early what cannot be written.
+std::optional<io::OutputFile> open_output(const std::string& path) {
+  if (path.empty()) return std::nullopt;
+  return io::OutputFile(path);
+}
+
+void complete(std::optional<io::OutputFile>& file, const std::string& text) {
+  file->write(text);
+  file->close();
+}
+
+// As a camera delivers: what has happened since the last packet, and trigger events in their place.
+template <typename Pipeline>
+void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, Pipeline& pipeline,
+          const std::function<void()>& after_batch) {
+  std::optional<Timestamp> begin;
+  for (bool more = true; more;) {
+    auto batch = recording.next_batch();
+    auto triggers = recording.triggers();
+    more = !batch.empty();
+    if (options.find_first) pace.set_speed(pipeline.status().registered > 0 ? options.speed : options.speed / 20);
+    while (!batch.empty() || !triggers.empty()) {
+      if (!triggers.empty() && (batch.empty() || triggers[0].t < batch[0].t)) {
+        pace.wait_until(triggers[0].t);
+        pipeline.push(triggers[0]);
+        triggers = triggers.subspan(1);
+        continue;
+      }
+      if (!begin) begin = batch[0].t;
+      if (options.detect_for_s > 0 && static_cast<double>(batch[0].t - *begin) > 1e6 * options.detect_for_s)
+        pipeline.set_detection(false);
+      Timestamp end = batch[0].t + options.packet_us;
+      if (!triggers.empty()) end = std::min(end, triggers[0].t + 1);
+      const auto n = packet_size(batch, end);
+      pace.wait_until(batch[n - 1].t);  // a camera delivers when the last of them has happened
+      pipeline.push(batch.first(n));
+      batch = batch.subspan(n);
+    }
+    after_batch();
+  }
+  pipeline.flush();
 }
 
 template <PoseUpdateRule Rule>
@@ -107,37 +202,42 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
   std::optional<io::PoseCsvWriter> output;
   if (!options.output.empty()) output.emplace(options.output, columns);
+  auto trigger_file = open_output(options.triggers), delay_file = open_output(options.delays);
+  std::string triggers = "t_us,id,rising\n";
+  std::vector<Delivery> deliveries;
 
+  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
+  settings.on_trigger = [&](const TriggerEvent& trigger) { append(triggers, trigger); };
+  const bool ticks = options.tick_us > 0;
+  if (ticks) {
+    settings.tick_interval = std::chrono::microseconds(options.tick_us);
+    settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
+      for (const PoseEstimate& pose : poses)
+        if (output) output->write(pose);
+    };
+  }
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
-        if (output) output->write(pose);
+        if (delay_file) deliveries.push_back({pose.t, live::Clock::now()});
+        if (output && !ticks) output->write(pose);
       },
-      options.pipeline_settings<Rule>(rule));
+      settings);
   Pace pace(options.speed);
-  std::optional<Timestamp> begin;
   const auto start = live::Clock::now();
   {
     console::ProgressBar progress(options.quiet);
-    for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
-      while (!batch.empty()) {
-        if (!begin) begin = batch[0].t;
-        const auto n = packet_size(batch, batch[0].t + options.packet_us);
-        pace.wait_until(batch[n - 1].t);  // a camera delivers when the last of them has happened
-        pipeline.push(batch.first(n));
-        if (options.detect_for_s > 0 && static_cast<double>(batch[0].t - *begin) > 1e6 * options.detect_for_s)
-          pipeline.set_detection(false);
-        batch = batch.subspan(n);
-      }
+    play(options, recording, pace, pipeline, [&] {
       recording_checks::require_sane(recording, options.recording, options.camera, false);
       progress.update(recording.bytes_read(), recording.bytes_total());
-    }
-    pipeline.flush();
+    });
   }
   const std::chrono::duration<double> wall = live::Clock::now() - start;
   recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
   if (output) output->close();
+  if (trigger_file) complete(trigger_file, triggers);
+  if (delay_file) complete(delay_file, delay_table(deliveries, pace, start));
   print(pipeline.status(), pipeline.latency(), wall.count());
 }
 

@@ -25,6 +25,8 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/io/raw_reader.hpp"
+#include "evmarker/io/raw_writer.hpp"
 #include "io_test_support.hpp"
 
 #ifdef EVMARKER_HAS_SCREEN
@@ -327,6 +329,7 @@ TEST_CASE("examples: replay plays a recording at its own pace, tracks it and acc
   for (const auto& [option, part] : std::map<std::string, std::string>{{" --policy all", "--policy"},
                                                                        {" --speed 0", "--speed"},
                                                                        {" --queue-events 10", "--queue-events"},
+                                                                       {" --delays missing/d.csv", "missing/d.csv"},
                                                                        {" --output missing/o.csv", "missing/o.csv"}}) {
     const Result bad = run(folder, "replay recording.raw" + kOptions + option);
     CAPTURE(bad.err);
@@ -335,6 +338,51 @@ TEST_CASE("examples: replay plays a recording at its own pace, tracks it and acc
     CHECK(contains(bad.err, part));
     CHECK(bad.out.empty());
   }
+}
+
+TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed rate and tells every delay") {
+  if (kPrograms.at("replay").empty()) {
+    MESSAGE("skipped: built without the component live");
+    return;
+  }
+  const TemporaryFolder& folder = simulated();
+  evmarker::io::RawReader reader(folder / "recording.raw");
+  evmarker::io::RawWriter writer(folder / "triggers.raw", reader.sensor_size());
+  std::string triggers = "t_us,id,rising\n";
+  evmarker::Timestamp next = 10000;
+  for (const evmarker::Event& event : drain(reader)) {
+    for (; event.t > next; next += 10000) {
+      writer.write_trigger({.id = 4, .rising = next % 20000 == 0, .t = next});
+      triggers += std::to_string(next) + ",4," + (next % 20000 == 0 ? "1" : "0") + "\n";
+    }
+    writer.write(event);
+  }
+  writer.close();
+  const Result result = run(folder, "replay triggers.raw" + kOptions +
+                                        " --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  REQUIRE(next > 500000);
+  CHECK(read_file(folder / "t.csv") == triggers);
+  CHECK_MESSAGE(contains(result.out, "triggers: " + std::to_string(next / 10000 - 1) + ", 0 dropped"), result.out);
+
+  const auto poses = read_table(read_file(folder / "p.csv")), truth = read_table(simulated_file("truth.csv"));
+  for (std::size_t i = 1; i < poses.size(); ++i) CHECK(poses[i].t_us == poses[i - 1].t_us + 5000);
+  const MeanError error = mean_tracking_error(poses, truth);
+  REQUIRE(error.poses > 50);
+  CHECK(error.mm < 6);
+
+  const auto delays = split(read_file(folder / "d.csv"), '\n');
+  CHECK(delays[0] == "time_s,delay_ms");
+  CHECK_MESSAGE(contains(result.out, " poses=" + std::to_string(delays.size() - 1)), result.out);
+  double last_s = 0;
+  for (std::size_t i = 1; i < delays.size(); ++i) {
+    const auto fields = split(delays[i], ',');
+    REQUIRE(fields.size() == 2);
+    CHECK(std::stod(fields[0]) >= last_s);
+    CHECK(std::stod(fields[1]) > 0);
+    last_s = std::stod(fields[0]);
+  }
+  CHECK(last_s > 0.5);
 }
 
 TEST_CASE("examples: a board of markers is simulated and tracked as one") {

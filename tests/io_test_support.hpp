@@ -14,7 +14,7 @@
 
 #include "evmarker/event.hpp"
 #include "evmarker/io/recording_error.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io::test {
 

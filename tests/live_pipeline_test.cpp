@@ -7,6 +7,7 @@
 #include <iterator>
 #include <mutex>
 #include <random>
+#include <span>
 #include <stdexcept>
 #include <thread>
 #include <vector>
@@ -232,6 +233,272 @@ TEST_CASE("overload: each policy does what it says, drops are counted to the eve
     check_sum(end);
     CHECK(late_poses > 100);
     pipeline.stop();
+  }
+}
+
+TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from the events before it") {
+  std::vector<std::vector<PoseEstimate>> ticks, expected;
+  std::vector<Timestamp> times;
+  Settings settings = kLikeTracker;
+  settings.on_tick = [&](Timestamp t, std::span<const PoseEstimate> poses) {
+    times.push_back(t);
+    ticks.emplace_back(poses.begin(), poses.end());
+  };
+  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
+  push(pipeline, events());
+  pipeline.flush();
+  CHECK(pipeline.status().ticks == ticks.size());
+  pipeline.stop();
+
+  REQUIRE(times.size() > 290);  // 0.3 s, from the first event to the last
+  CHECK(times.front() < 1000 + events().front().t);
+  for (std::size_t i = 0; i < times.size(); ++i) CHECK(times[i] == times.front() + static_cast<Timestamp>(1000 * i));
+
+  Tracker tracker(simulated::camera, KnowingDetector{motion()}, settings.tracker);
+  for (const Event& event : events()) {
+    for (; expected.size() < times.size() && event.t >= times[expected.size()];) {
+      const Timestamp t = times[expected.size()];
+      expected.emplace_back();
+      for (const auto& marker : tracker.markers()) expected.back().push_back(marker.pose_at(t));
+    }
+    tracker.push(event);
+  }
+  REQUIRE(expected.size() == ticks.size());
+  CHECK(ticks.front().empty());  // there is a call where no marker is known, too
+  int tracking = 0;
+  for (std::size_t i = 0; i < ticks.size(); ++i) {
+    REQUIRE(ticks[i].size() == expected[i].size());
+    if (ticks[i].empty()) continue;
+    const PoseEstimate& pose = ticks[i][0];
+    CHECK(pose.t == times[i]);
+    CHECK(pose.T_camera_marker.matrix() == expected[i][0].T_camera_marker.matrix());
+    CHECK(pose.information == expected[i][0].information);
+    CHECK(pose.quality.updated_t <= pose.t);
+    if (pose.quality.state != TrackingState::tracking) continue;
+    ++tracking;
+    const auto truth = motion()(static_cast<double>(times[i]) * 1e-6);
+    CHECK((pose.T_camera_marker.translation() - truth.translation()).norm() < 0.005);
+  }
+  CHECK(tracking > 200);
+}
+
+TEST_CASE("without events, poses go on at the fixed rate by the wall clock, ever less certain") {
+  std::mutex mutex;
+  std::vector<PoseEstimate> ticks;
+  Settings settings{.overload = OverloadPolicy::block};
+  settings.tick_interval = 2ms;
+  settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
+    const std::lock_guard lock(mutex);
+    ticks.insert(ticks.end(), poses.begin(), poses.end());
+  };
+  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
+  for (std::size_t i = 0; i < events().size(); i += 500) {  // in step, so that the marker is found early
+    pipeline.push(events().data() + i, events().data() + std::min(i + 500, events().size()));
+    pipeline.flush();
+  }
+  REQUIRE(pipeline.status().markers.size() == 1);
+  const auto since_then = [&] {
+    const std::lock_guard lock(mutex);
+    return ticks;
+  };
+  {
+    const std::lock_guard lock(mutex);
+    ticks.clear();
+  }
+  while (since_then().size() < 20) std::this_thread::sleep_for(2ms);
+  pipeline.stop();
+  const auto silent = since_then();
+  CHECK(silent.back().t > events().back().t + 20000);
+  for (std::size_t i = 1; i < silent.size(); ++i) {
+    CHECK(silent[i].t == silent[i - 1].t + 2000);
+    CHECK(silent[i].quality.updated_t == silent[0].quality.updated_t);
+    const auto before = covariance(silent[i - 1]), after = covariance(silent[i]);
+    REQUIRE(before);
+    REQUIRE(after);
+    CHECK(after->topLeftCorner<3, 3>().trace() > before->topLeftCorner<3, 3>().trace());
+  }
+}
+
+TEST_CASE("trigger events come out as they went in, in their place among the poses") {
+  const std::vector<TriggerEvent> triggers = [] {
+    std::vector<TriggerEvent> made{{7, true, events().front().t - 5}};
+    for (Timestamp t = 1000; t < 300000; t += 777) made.push_back({3, made.size() % 2 == 0, t});
+    made.push_back({3, true, events().back().t + 5});
+    return made;
+  }();
+  for (const bool wait : {true, false}) {
+    CAPTURE(wait);
+    std::vector<TriggerEvent> seen;
+    int poses = 0, early = 0, late = 0;
+    Settings settings = kLikeTracker;
+    settings.wait_for_detector = wait;
+    settings.on_trigger = [&](const TriggerEvent& trigger) {
+      seen.push_back(trigger);
+      if (seen.size() == 3) throw std::runtime_error("no third trigger");
+    };
+    live::Pipeline pipeline(
+        simulated::camera, KnowingDetector{motion()},
+        [&](const PoseEstimate& pose) {
+          ++poses;
+          early += !seen.empty() && pose.t < seen.back().t;
+          late += seen.size() < triggers.size() && pose.t > triggers[seen.size()].t;
+        },
+        settings);
+    auto next = triggers.begin();
+    for (std::size_t i = 0; i < events().size();) {
+      for (; next != triggers.end() && next->t < events()[i].t; ++next) pipeline.push(*next);
+      const std::size_t begin = i;
+      while (i < events().size() && i < begin + 500 && (next == triggers.end() || events()[i].t <= next->t)) ++i;
+      pipeline.push(events().data() + begin, events().data() + i);
+      if (!wait) pipeline.flush();
+    }
+    for (; next != triggers.end(); ++next) pipeline.push(*next);
+    pipeline.flush();
+    const live::Status status = pipeline.status();
+    CHECK(seen == triggers);
+    CHECK(status.triggers == triggers.size());
+    CHECK(status.triggers_dropped == 0);
+    CHECK(status.callback_errors == 1);
+    CHECK(poses > 200);
+    CHECK(early == 0);
+    CHECK(late == 0);
+    CHECK_THROWS_WITH(pipeline.stop(), "no third trigger");
+    pipeline.push(triggers[0]);  // to nobody
+    CHECK(pipeline.status().triggers_dropped == 1);
+  }
+}
+
+TEST_CASE("trigger events survive events that are dropped, and too many are dropped and counted") {
+  live::EventIntake intake(1024, OverloadPolicy::drop_oldest, 1s);
+  intake.open();
+  const std::vector<Event> piece(256);
+  for (int i = 0; i < 5000; ++i) {
+    if (i < 100) intake.push(std::span<const Event>(piece));
+    intake.push(TriggerEvent{i % 16, true, i});
+  }
+  CHECK(intake.dropped() == 96 * 256);
+  CHECK(intake.triggers_pushed() == 5000);
+  CHECK(intake.triggers_dropped() == 5000 - 4096);
+  int taken = 0;
+  while (auto* block = intake.take(0us)) {
+    const int place = static_cast<int>(block->number);  // as many triggers are before the block
+    for (; const auto trigger = intake.take_trigger(block->number); ++taken) CHECK(trigger->t == taken);
+    CHECK(taken == place - 1);
+    intake.give_back(block);
+  }
+  CHECK(taken == 99);
+  while (const auto trigger = intake.take_trigger(101)) CHECK(trigger->t == taken++);
+  CHECK(taken == 4096);
+}
+
+TEST_CASE("every event from a look to its answer is replayed, and a replay that lacks some is told") {
+  // Every event at a time of its own, so that the frame's time tells which are in it.
+  static const std::vector<Event> timed = [] {
+    std::vector<Event> made = events();
+    std::erase_if(made, [](const Event& event) { return event.x > 639; });
+    for (std::size_t i = 1; i < made.size(); ++i) made[i].t = std::max(made[i].t, made[i - 1].t + 1);
+    return made;
+  }();
+  struct PatientDetector {
+    KnowingDetector knowing{motion()};
+    std::atomic<Timestamp>* first_look;
+    std::atomic<bool>* released;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+      if (*first_look == 0) *first_look = frame.t();
+      while (!*released) std::this_thread::sleep_for(1ms);
+      return knowing.detect(frame);
+    }
+    MarkerModel model(MarkerId id) const { return knowing.model(id); }
+  };
+  const std::size_t pushed = 6000;
+  for (const std::size_t history : {1u << 18, 4096u}) {
+    CAPTURE(history);
+    std::atomic<Timestamp> first_look = 0;
+    std::atomic<bool> released = false;
+    Settings settings{.overload = OverloadPolicy::block};
+    settings.tracker.history_events = history;
+    live::Pipeline pipeline(simulated::camera, PatientDetector{.first_look = &first_look, .released = &released},
+                            kNoPoses, settings, AcceptAll{});
+    pipeline.push(timed.data(), timed.data() + pushed);
+    pipeline.flush();
+    CHECK(pipeline.status().replayed == 0);
+    released = true;
+    while (pipeline.status().replayed == 0) std::this_thread::sleep_for(1ms);
+    const auto since = static_cast<std::uint64_t>(std::ranges::count_if(
+        timed.begin(), timed.begin() + pushed, [&](const Event& event) { return event.t > first_look; }));
+    REQUIRE(since > 5000);
+    CHECK(pipeline.status().replayed == std::min<std::uint64_t>(since, history));
+    CHECK(pipeline.status().replays_cut == (since > history ? 1 : 0));
+    for (std::size_t i = pushed; i < timed.size(); i += 200) {
+      pipeline.push(timed.data() + i, timed.data() + std::min(i + 200, timed.size()));
+      pipeline.flush();
+    }
+    CHECK(pipeline.status().poses > 100);
+    CHECK(pipeline.status().dropped == 0);
+    pipeline.stop();
+  }
+}
+
+TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to the event, and poses resume") {
+  // The marker's own 2 Mev/s, and in a tenth of a second noise at the border with each of its events.
+  constexpr Timestamp kFlood = 100000, kCalm = 200000;
+  std::vector<Event> stream;
+  std::mt19937 random(3);
+  for (const Event& event : events()) {
+    stream.push_back(event);
+    for (int i = 0; i < 8 && event.t >= kFlood && event.t < kCalm; ++i)
+      stream.push_back({static_cast<std::uint16_t>(random() % 60), static_cast<std::uint16_t>(random() % 480),
+                        static_cast<std::int16_t>(random() % 2), event.t});
+  }
+  const auto part = [&](Timestamp from, Timestamp to) {
+    const auto begin = std::ranges::lower_bound(stream, from, {}, &Event::t);
+    return std::span<const Event>(begin, std::ranges::lower_bound(stream, to, {}, &Event::t));
+  };
+  REQUIRE(part(kFlood, kCalm).size() > 1000000);
+  for (const auto policy : {OverloadPolicy::block, OverloadPolicy::drop_oldest, OverloadPolicy::thin}) {
+    CAPTURE(static_cast<int>(policy));
+    constexpr std::size_t kQueue = 1 << 14;
+    std::atomic<int> in_flood = 0, near = 0, off = 0;
+    live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()},
+                            [&](const PoseEstimate& pose) {
+                              if (pose.quality.state != TrackingState::tracking) return;
+                              in_flood += pose.t >= kFlood && pose.t < kCalm;
+                              if (pose.t < kCalm + 50000) return;
+                              const auto truth = motion()(static_cast<double>(pose.t) * 1e-6);
+                              const double off_m = (pose.T_camera_marker.translation() - truth.translation()).norm();
+                              ++(off_m < 0.005 ? near : off);
+                            },
+                            {.overload = policy, .queue_events = kQueue});
+    std::uint64_t most_waiting = 0;
+    const auto push_part = [&](std::span<const Event> some, std::size_t piece, bool in_step) {
+      for (; !some.empty(); some = some.subspan(std::min(piece, some.size()))) {
+        pipeline.push(some.first(std::min(piece, some.size())));
+        if (in_step) pipeline.flush();
+        const live::Status status = pipeline.status();
+        check_sum(status);
+        most_waiting = std::max(most_waiting, status.queue_depth);
+      }
+      pipeline.flush();
+    };
+    push_part(part(0, kFlood), 500, true);
+    const live::Status before = pipeline.status();
+    REQUIRE(before.markers.size() == 1);
+    REQUIRE(before.markers[0].state == TrackingState::tracking);
+    REQUIRE(before.dropped == 0);
+
+    push_part(part(kFlood, kCalm), 5000, false);  // as fast as they can be pushed
+    const live::Status after = pipeline.status();
+    MESSAGE("dropped " << after.dropped << " of " << part(kFlood, kCalm).size() << ", poses " << in_flood.load());
+    CHECK(after.events == part(0, kCalm).size());
+    CHECK(after.events == after.processed + after.filtered + after.off_sensor + after.dropped);
+    CHECK(most_waiting <= kQueue + 5000);
+    CHECK(in_flood > (policy == OverloadPolicy::block ? 500 : 0));
+    CHECK((after.dropped > 0) == (policy != OverloadPolicy::block));
+
+    push_part(part(kCalm, 300000), 500, true);
+    CHECK(pipeline.status().dropped == after.dropped);
+    CHECK(near > 100);
+    CHECK(off == 0);
   }
 }
 
@@ -466,6 +733,7 @@ TEST_CASE("settings out of range are named") {
     live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
   };
   CHECK_THROWS_WITH(make({.queue_events = 100}), doctest::Contains("queue_events is 100"));
+  CHECK_THROWS_WITH(make({.tick_interval = -5us}), doctest::Contains("tick_interval [us] is -5"));
   CHECK_THROWS_WITH(make({.gap = 0us}), doctest::Contains("gap"));
   CHECK_THROWS_WITH(make({.tracker = {.max_markers = 0}}), doctest::Contains("max_markers"));
 }

@@ -33,6 +33,9 @@ class EventHistory {
   /// How many events were ever pushed: a position in the stream to come back to.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
+  /// Whether every event pushed since `pushed()` was `position` is still kept.
+  bool reaches(std::uint64_t position) const noexcept { return position >= pushed_ - size(); }
+
   /// Calls `use(event)` for every event pushed since `pushed()` was `position` that is still kept, in order of arrival.
   template <typename Use>
   void for_each_since(std::uint64_t position, Use&& use) const {

@@ -24,5 +24,6 @@
 #include "evmarker/tracker.hpp"
 #include "evmarker/tracker_core.hpp"
 #include "evmarker/trajectory.hpp"
+#include "evmarker/trigger_event.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"

@@ -48,6 +48,7 @@ struct TrackerStatistics {
   std::uint64_t detections = 0;       ///< looks at the polarity frame
   std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
   std::uint64_t replayed = 0;         ///< events replayed into markers that began to be tracked
+  std::uint64_t replays_cut = 0;      ///< of these replays, how many lacked events: more than `history_events` since
   std::uint64_t lost = 0;             ///< of the registered
 };
 
@@ -245,6 +246,7 @@ class TrackerCore {
   void start(const Findings::Found& found, std::uint64_t position) {
     FoundMarker<Rule> marker(lines_, found.model, found.detection, settings_.marker);
     const bool confirmed = settings_.detections_to_confirm == 1;
+    statistics_.replays_cut += !history_.reaches(position);
     history_.for_each_since(position, [&](const Event& event) {
       ++statistics_.replayed;
       if (const auto pose = marker.push(event); pose && confirmed) deliver(*pose);

@@ -20,7 +20,7 @@
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 #include "evmarker/io/text_layout.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

@@ -18,7 +18,7 @@
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

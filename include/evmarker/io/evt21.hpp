@@ -10,7 +10,7 @@
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

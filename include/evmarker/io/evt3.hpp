@@ -12,7 +12,7 @@
 #include "evmarker/event.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

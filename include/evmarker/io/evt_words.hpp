@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "evmarker/event.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

@@ -17,7 +17,7 @@
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/output_file.hpp"
 #include "evmarker/io/raw_header.hpp"
-#include "evmarker/io/trigger_event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

@@ -10,13 +10,16 @@
 #include <cstdint>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "evmarker/event.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::live {
 
@@ -33,6 +36,7 @@ enum class OverloadPolicy {
 struct EventBlock {
   static constexpr std::size_t kCapacity = 256;
   Clock::time_point pushed;
+  std::uint64_t number = 0;  // of all since the start
   std::size_t size = 0;
   std::array<Event, kCapacity> events;
 
@@ -49,7 +53,8 @@ class EventIntake {
         gap_us_(static_cast<std::uint64_t>(gap.count())),
         blocks_(capacity / EventBlock::kCapacity),
         free_(std::max<std::size_t>(blocks_.size(), 1)),
-        full_(std::max<std::size_t>(blocks_.size(), 1)) {
+        full_(std::max<std::size_t>(blocks_.size(), 1)),
+        triggers_(kTriggers) {
     if (blocks_.size() < 4)
       throw std::invalid_argument("pipeline: queue_events is " + std::to_string(capacity) + ", less than " +
                                   std::to_string(4 * EventBlock::kCapacity));
@@ -75,11 +80,25 @@ class EventIntake {
       }
       block->pushed = now;
       events = fill(*block, events);
-      if (block->size > 0)
+      if (block->size > 0) {
+        block->number = ++last_block_;
         full_.try_enqueue(block);  // has room for all blocks that there are
-      else
+      } else {
         spare_ = block;
+      }
     }
+  }
+
+  /// Takes in a trigger event, between the events pushed before and after it. Waits only with the policy `block`.
+  void push(const TriggerEvent& trigger) {
+    const std::lock_guard lock(push_mutex_);
+    ++triggers_pushed_;
+    while (open_) {
+      if (triggers_.try_enqueue({trigger, last_block_})) return;
+      if (policy_ != OverloadPolicy::block) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    ++triggers_dropped_;
   }
 
   /// The next events, or nothing in time. To be given back.
@@ -91,10 +110,22 @@ class EventIntake {
 
   void give_back(EventBlock* block) { free_.try_enqueue(block); }
 
+  /// The next trigger event that stands before the block of this number.
+  std::optional<TriggerEvent> take_trigger(std::uint64_t block_number) {
+    if (!next_trigger_) {
+      PlacedTrigger next;
+      if (!triggers_.try_dequeue(next)) return std::nullopt;
+      next_trigger_ = next;
+    }
+    if (next_trigger_->after_block >= block_number) return std::nullopt;
+    return std::exchange(next_trigger_, std::nullopt)->trigger;
+  }
+
   /// Begins anew, counters at zero, with nobody taking.
   void open() {
     const std::lock_guard lock(push_mutex_);
-    pushed_ = dropped_ = refused_ = time_steps_back_ = time_gaps_ = 0;
+    pushed_ = dropped_ = refused_ = time_steps_back_ = time_gaps_ = triggers_pushed_ = triggers_dropped_ = 0;
+    last_block_ = 0;
     any_ = false;
     open_ = true;
   }
@@ -109,6 +140,7 @@ class EventIntake {
       count_dropped(block->size);
       give_back(block);
     }
+    while (take_trigger(std::numeric_limits<std::uint64_t>::max())) ++triggers_dropped_;
   }
 
   void count_dropped(std::size_t events) noexcept { dropped_ += events; }
@@ -117,11 +149,18 @@ class EventIntake {
   std::uint64_t dropped() const noexcept { return dropped_ + refused_; }
   std::uint64_t time_steps_back() const noexcept { return time_steps_back_; }
   std::uint64_t time_gaps() const noexcept { return time_gaps_; }
+  std::uint64_t triggers_pushed() const noexcept { return triggers_pushed_; }
+  std::uint64_t triggers_dropped() const noexcept { return triggers_dropped_; }
   /// Camera time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
 
  private:
+  struct PlacedTrigger {
+    TriggerEvent trigger;
+    std::uint64_t after_block = 0;
+  };
   using Queue = moodycamel::BlockingReaderWriterCircularBuffer<EventBlock*>;
+  static constexpr std::size_t kTriggers = 4096;  // in the queue at most
 
   // Room for events, made as the policy says, or nothing.
   EventBlock* free_block() {
@@ -188,14 +227,18 @@ class EventIntake {
   std::vector<EventBlock> blocks_;
   Queue free_;  // from the taker to the pusher
   Queue full_;  // from the pusher to the taker
+  moodycamel::BlockingReaderWriterCircularBuffer<PlacedTrigger> triggers_;
+  std::optional<PlacedTrigger> next_trigger_;  // of the taker
   std::mutex push_mutex_, take_mutex_;
   EventBlock* spare_ = nullptr;
+  std::uint64_t last_block_ = 0;
   double thinning_ = 0;  // shares of events that are owed to the queue
   bool any_ = false;
   std::atomic<bool> open_{false};
   // An event is counted as pushed before it is anything else. Those refused while closed are pushed and dropped at
   // once.
-  std::atomic<std::uint64_t> pushed_{0}, dropped_{0}, refused_{0}, time_steps_back_{0}, time_gaps_{0};
+  std::atomic<std::uint64_t> pushed_{0}, dropped_{0}, refused_{0}, time_steps_back_{0}, time_gaps_{0},
+      triggers_pushed_{0}, triggers_dropped_{0};
   std::atomic<Timestamp> last_t_{0};
 };
 

@@ -19,7 +19,10 @@
 #include "evmarker/live/latency_histogram.hpp"
 #include "evmarker/live/published_state.hpp"
 #include "evmarker/live/status.hpp"
+#include "evmarker/live/thread_priority.hpp"
+#include "evmarker/live/tick_clock.hpp"
 #include "evmarker/tracker_core.hpp"
+#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::live {
 
@@ -32,10 +35,19 @@ struct PipelineSettings {
   /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
   std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
+
+  /// Called every `tick_interval` of camera time, at its multiples, with all tracked markers' poses moved on to that
+  /// time: for a controller. Their covariance grows with their age, `t - quality.updated_t`. Where no events come, the
+  /// wall clock runs camera time on, but not with `wait_for_detector`.
+  std::function<void(Timestamp t, std::span<const PoseEstimate>)> on_tick = {};
+  std::chrono::microseconds tick_interval{1000};
+  /// Called with every trigger event that was pushed, in its place among the poses.
+  std::function<void(const TriggerEvent&)> on_trigger = {};
 };
 
 /// Tracks markers in what a camera's thread pushes; a `Tracker` on two threads, one of which tracks while the other one
-/// detects. Every member may be called from any thread, but not `start`, `stop` and `flush` from the pose callback.
+/// detects. Every member may be called from any thread, but not `start`, `stop` and `flush` from a callback. All
+/// callbacks are called from the tracking thread, one at a time; while one runs, nothing is tracked.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Pipeline {
  public:
@@ -43,7 +55,7 @@ class Pipeline {
   using PoseCallback = std::function<void(const PoseEstimate&)>;
 
   /// Starts at once.
-  /// @param on_pose called from the tracking thread with every pose, in order; while it runs, nothing is tracked
+  /// @param on_pose called with every pose, in order
   /// @throws std::invalid_argument naming the setting that is out of range
   template <CameraModel Camera>
   Pipeline(const Camera& camera, Detector detector, PoseCallback on_pose, const Settings& settings = {})
@@ -57,7 +69,10 @@ class Pipeline {
         detector_(std::move(detector)),
         on_pose_(std::move(on_pose)),
         fresh_(camera, settings.tracker, std::move(filter)),
-        intake_(settings.queue_events, settings.overload, settings.gap) {
+        intake_(settings.queue_events, settings.overload, settings.gap),
+        fresh_clock_(settings.tick_interval, settings.gap),
+        clock_(fresh_clock_) {
+    ticks_.reserve(settings.tracker.max_markers);
     start();
   }
 
@@ -75,13 +90,19 @@ class Pipeline {
     intake_.push(std::span<const E>(begin, end));
   }
 
+  /// Takes in a trigger event, after the events before it and before those after it. At most 4096 wait; of more, all
+  /// are dropped and counted, or `push` waits with the policy `block`.
+  void push(const TriggerEvent& trigger) { intake_.push(trigger); }
+
   /// Begins anew after `stop`: counters at zero, no marker known.
   void start() {
     const std::lock_guard control(control_);
     if (thread_.joinable()) return;
     for (LatencyHistogram* histogram : {&push_to_pose_, &queue_wait_, &detection_}) histogram->clear();
     stopping_ = false;
-    poses_ = 0;
+    delivered_ = {};
+    last_block_ = 0;
+    clock_ = fresh_clock_;
     core_.emplace(fresh_);
     detection_thread_.emplace(detector_, fresh_.polarity_frame().sensor_size(), settings_.tracker.history_events);
     published_.start(intake_);
@@ -97,7 +118,7 @@ class Pipeline {
     if (const std::exception_ptr error = published_.take_error()) std::rethrow_exception(error);
   }
 
-  /// Waits until all that was pushed before has been tracked, or the pipeline is stopped.
+  /// Waits until all that was pushed before has been tracked or handed on, or the pipeline is stopped.
   void flush() const {
     while (published_.busy(intake_)) std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
@@ -139,21 +160,29 @@ class Pipeline {
 
   // The tracking thread.
   void run() {
+    shorten_turns_of_this_thread();
     while (!stopping_) {
-      EventBlock* const block = intake_.take(kPatience);
+      EventBlock* const block = intake_.take(ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience);
       if (!settings_.wait_for_detector) take_answer_between_events();
       if (block != nullptr) {
+        deliver_triggers(block->number);
         track(*block);
+        last_block_ = block->number;
         intake_.give_back(block);
+      } else {
+        deliver_triggers(last_block_ + 1);
+        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()));
       }
-      published_.publish(*core_, poses_);
+      published_.publish(*core_, delivered_);
     }
   }
 
   void track(const EventBlock& block) {
     queue_wait_.add(Clock::now() - block.pushed);
+    clock_.begin(block);
     for (const Event& event : block.span()) {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(block.size - taken_of(block, event));
+      deliver_ticks(event.t);
       if (core_->push(event)) {
         detection_thread_->add(event);
         if (core_->look_due(event.t) && detection_on_)
@@ -198,13 +227,39 @@ class Pipeline {
     for (const PoseEstimate& pose : core_->poses()) {
       if (stopping_.load(std::memory_order_relaxed)) return;
       if (pushed) push_to_pose_.add(Clock::now() - *pushed);
-      ++poses_;
-      if (!on_pose_) continue;
-      try {
-        on_pose_(pose);
-      } catch (...) {
-        published_.keep_error(&Status::callback_errors);
-      }
+      ++delivered_.poses;
+      call(on_pose_, pose);
+    }
+  }
+
+  bool ticks_by_wall() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }
+
+  // Before an event: the poses know of nothing later.
+  void deliver_ticks(Timestamp now) {
+    if (!settings_.on_tick) return;
+    while (const auto t = clock_.due(now)) {
+      ticks_.clear();
+      for (const auto& marker : core_->markers())
+        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t) : marker.estimate());
+      ++delivered_.ticks;
+      call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
+    }
+  }
+
+  void deliver_triggers(std::uint64_t block_number) {
+    while (const auto trigger = intake_.take_trigger(block_number)) {
+      ++delivered_.triggers;
+      call(settings_.on_trigger, *trigger);
+    }
+  }
+
+  template <typename Callback, typename... Arguments>
+  void call(const Callback& callback, const Arguments&... arguments) {
+    if (!callback) return;
+    try {
+      callback(arguments...);
+    } catch (...) {
+      published_.keep_error(&Status::callback_errors);
     }
   }
 
@@ -213,6 +268,7 @@ class Pipeline {
   PoseCallback on_pose_;
   const TrackerCore<Rule, Filter> fresh_;  // as it is at every start
   EventIntake intake_;
+  const TickClock fresh_clock_;
   LatencyHistogram push_to_pose_, queue_wait_, detection_;
   std::atomic<bool> stopping_{false}, detection_on_{true};
 
@@ -222,7 +278,10 @@ class Pipeline {
   // While it runs, of the tracking thread alone:
   std::optional<TrackerCore<Rule, Filter>> core_;
   std::optional<DetectionThread<Detector>> detection_thread_;
-  std::uint64_t poses_ = 0;
+  Delivered delivered_;
+  std::uint64_t last_block_ = 0;
+  TickClock clock_;
+  std::vector<PoseEstimate> ticks_;  // of one tick
   std::thread thread_;
 };
 

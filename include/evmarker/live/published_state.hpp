@@ -13,6 +13,11 @@
 
 namespace evmarker::live {
 
+/// What the tracking thread has handed to callbacks.
+struct Delivered {
+  std::uint64_t poses = 0, ticks = 0, triggers = 0;
+};
+
 /// The last state that was published, told to any thread.
 template <PoseUpdateRule Rule>
 class PublishedState {
@@ -23,7 +28,7 @@ class PublishedState {
     intake.open();
     status_ = {};
     status_.running = true;
-    taken_ = 0;
+    taken_ = triggers_taken_ = 0;
     last_t_ = 0;
     first_error_ = nullptr;
     markers_.clear();
@@ -36,18 +41,23 @@ class PublishedState {
   }
 
   template <EventFilter Filter>
-  void publish(const TrackerCore<Rule, Filter>& core, std::uint64_t poses) {
+  void publish(const TrackerCore<Rule, Filter>& core, const Delivered& delivered) {
     const TrackerStatistics& tracker = core.statistics();
     const std::lock_guard lock(mutex_);
-    if (taken_ == tracker.events && status_.poses == poses && status_.registered == tracker.registered) return;
+    triggers_taken_ = delivered.triggers;
+    status_.ticks = delivered.ticks;
+    if (taken_ == tracker.events && status_.poses == delivered.poses && status_.registered == tracker.registered &&
+        status_.replayed == tracker.replayed)
+      return;
     taken_ = tracker.events;
     last_t_ = core.last_t();
     status_.filtered = tracker.filtered;
     status_.off_sensor = tracker.off_sensor;
-    status_.poses = poses;
+    status_.poses = delivered.poses;
     status_.detections = tracker.detections;
     status_.registered = tracker.registered;
     status_.replayed = tracker.replayed;
+    status_.replays_cut = tracker.replays_cut;
     status_.lost = tracker.lost;
     markers_.clear();
     for (const auto& marker : core.markers()) markers_.push_back({marker.estimate(), marker.follower().rule()});
@@ -84,11 +94,12 @@ class PublishedState {
     return status;
   }
 
-  /// Whether there are events that were pushed and not yet tracked or dropped, and somebody to do it.
+  /// Whether there are events or triggers that were pushed and not yet taken or dropped, and somebody to do it.
   bool busy(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
-    const std::uint64_t dropped = intake.dropped();
-    return status_.running && intake.pushed() > taken_ + dropped;
+    const std::uint64_t dropped = intake.dropped(), triggers_dropped = intake.triggers_dropped();
+    return status_.running &&
+           (intake.pushed() > taken_ + dropped || intake.triggers_pushed() > triggers_taken_ + triggers_dropped);
   }
 
   std::vector<PoseEstimate> poses_at(Timestamp now) const {
@@ -114,6 +125,8 @@ class PublishedState {
     status.dropped = intake.dropped();
     status.time_steps_back = intake.time_steps_back();
     status.time_gaps = intake.time_gaps();
+    status.triggers_dropped = intake.triggers_dropped();
+    status.triggers = intake.triggers_pushed();
     status.events = intake.pushed();
     status.processed = taken_ - status.filtered - status.off_sensor;
     status.queue_depth = status.events - taken_ - status.dropped;
@@ -126,6 +139,7 @@ class PublishedState {
   Status status_;            // what the tracking thread counts
   std::uint64_t taken_ = 0;  // events that the tracker was given
   Timestamp last_t_ = 0;     // of these
+  std::uint64_t triggers_taken_ = 0;
   std::exception_ptr first_error_;
   std::vector<Tracked> markers_;
 };

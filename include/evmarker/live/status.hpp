@@ -19,27 +19,31 @@ struct MarkerStatus {
 /// queue_depth.
 struct Status {
   bool running = false;
-  std::uint64_t events = 0;           ///< pushed
-  std::uint64_t processed = 0;        ///< tracked
-  std::uint64_t filtered = 0;         ///< discarded: no support in space and time
-  std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
-  std::uint64_t dropped = 0;          ///< by the overload policy, while stopped, or left in the queue by `stop`
-  std::uint64_t queue_depth = 0;      ///< pushed, but not yet any of these
-  Timestamp backlog_us = 0;           ///< camera time from the last event processed to the last one pushed
-  std::uint64_t time_steps_back = 0;  ///< events earlier than the one before, as after a restart of the camera
-  std::uint64_t time_gaps = 0;        ///< times without events for as long as `PipelineSettings::gap`
-  std::uint64_t poses = 0;            ///< delivered
-  std::uint64_t detections = 0;       ///< looks at the polarity frame
-  std::uint64_t registered = 0;       ///< markers that were confirmed
-  std::uint64_t replayed = 0;         ///< events since a look, replayed into the markers that it found
-  std::uint64_t lost = 0;             ///< of the registered
-  std::uint64_t callback_errors = 0;  ///< exceptions that the pose callback threw
-  std::uint64_t detector_errors = 0;  ///< exceptions that the detector threw, or its findings led to
-  std::string error;                  ///< the first of these
-  Latency push_to_pose;               ///< from `push` of the event that completed a pose to its delivery
-  Latency queue_wait;                 ///< from `push` to tracking, of blocks of events
-  Latency detection;                  ///< of one look
-  std::vector<MarkerStatus> markers;  ///< being tracked
+  std::uint64_t events = 0;            ///< pushed
+  std::uint64_t processed = 0;         ///< tracked
+  std::uint64_t filtered = 0;          ///< discarded: no support in space and time
+  std::uint64_t off_sensor = 0;        ///< discarded: outside the camera's image
+  std::uint64_t dropped = 0;           ///< by the overload policy, while stopped, or left in the queue by `stop`
+  std::uint64_t queue_depth = 0;       ///< pushed, but not yet any of these
+  Timestamp backlog_us = 0;            ///< camera time from the last event processed to the last one pushed
+  std::uint64_t time_steps_back = 0;   ///< events earlier than the one before, as after a restart of the camera
+  std::uint64_t time_gaps = 0;         ///< times without events for as long as `PipelineSettings::gap`
+  std::uint64_t poses = 0;             ///< delivered
+  std::uint64_t ticks = 0;             ///< calls of `PipelineSettings::on_tick`
+  std::uint64_t triggers = 0;          ///< pushed
+  std::uint64_t triggers_dropped = 0;  ///< for lack of room, while stopped, or left by `stop`
+  std::uint64_t detections = 0;        ///< looks at the polarity frame
+  std::uint64_t registered = 0;        ///< markers that were confirmed
+  std::uint64_t replayed = 0;          ///< events since a look, replayed into the markers that it found
+  std::uint64_t replays_cut = 0;       ///< of these replays, how many lacked events: too many since the look to be kept
+  std::uint64_t lost = 0;              ///< of the registered
+  std::uint64_t callback_errors = 0;   ///< exceptions that the callbacks threw
+  std::uint64_t detector_errors = 0;   ///< exceptions that the detector threw, or its findings led to
+  std::string error;                   ///< the first of these
+  Latency push_to_pose;                ///< from `push` of the event that completed a pose to its delivery
+  Latency queue_wait;                  ///< from `push` to tracking, of blocks of events
+  Latency detection;                   ///< of one look
+  std::vector<MarkerStatus> markers;   ///< being tracked
 };
 
 }  // namespace evmarker::live

@@ -1,8 +1,8 @@
 #pragma once
-// io. A level change at one of the camera's trigger inputs.
+// Floor 1. A level change at one of the camera's trigger inputs.
 #include "evmarker/event.hpp"
 
-namespace evmarker::io {
+namespace evmarker {
 
 /// An external signal, for example of a motion capture system, on the camera's clock.
 struct TriggerEvent {
@@ -13,4 +13,4 @@ struct TriggerEvent {
   constexpr bool operator==(const TriggerEvent&) const = default;
 };
 
-}  // namespace evmarker::io
+}  // namespace evmarker

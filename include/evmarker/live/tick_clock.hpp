@@ -1,0 +1,81 @@
+#pragma once
+// live. When poses are due at a fixed rate of camera time.
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "evmarker/event.hpp"
+#include "evmarker/live/event_intake.hpp"
+
+namespace evmarker::live {
+
+/// Ticks at the multiples of an interval of camera time, which the events tell; where none come, the wall clock runs it
+/// on. A clock that jumps, as of a camera that is restarted, starts anew where it jumped to. Of one thread.
+class TickClock {
+ public:
+  /// @param gap no ticks in a jump of the camera's clock that is longer
+  TickClock(std::chrono::microseconds interval, std::chrono::microseconds gap)
+      : interval_us_(interval.count()), gap_us_(static_cast<std::uint64_t>(gap.count())) {
+    if (interval.count() <= 0)
+      throw std::invalid_argument("pipeline: tick_interval [us] is " + std::to_string(interval.count()));
+  }
+
+  /// Of every block of events before it is tracked.
+  void begin(const EventBlock& block) noexcept {
+    const Timestamp first = block.events[0].t, last = block.events[block.size - 1].t;
+    if (!started_ || (first < last_t_ && elapsed_us(first, last_t_) > kDisorder_us)) start(first);
+    last_t_ = last;
+    last_pushed_ = block.pushed;
+  }
+
+  /// The next tick that is due at a camera time; it is done then.
+  std::optional<Timestamp> due(Timestamp now) noexcept {
+    if (now >= next_ && elapsed_us(next_, now) > gap_us_) start(now);
+    if (now < next_ || next_ == kNever) return std::nullopt;
+    return std::exchange(next_, later(next_, interval_us_));
+  }
+
+  /// Camera time by the wall clock, if no events came since the last block.
+  Timestamp now(Clock::time_point wall) const noexcept {
+    return started_ ? later(last_t_, std::chrono::duration_cast<std::chrono::microseconds>(wall - last_pushed_).count())
+                    : std::numeric_limits<Timestamp>::min();
+  }
+
+  /// Wall time until the next tick, if no events come; not more than `limit`.
+  std::chrono::microseconds wait(Clock::time_point wall, std::chrono::microseconds limit) const noexcept {
+    if (!started_) return limit;
+    const Timestamp now = this->now(wall);
+    if (now >= next_) return std::chrono::microseconds(0);
+    return elapsed_us(now, next_) < static_cast<std::uint64_t>(limit.count()) ? std::chrono::microseconds(next_ - now)
+                                                                              : limit;
+  }
+
+ private:
+  static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
+  static constexpr std::uint64_t kDisorder_us = 10000;  // events of one camera may be that much out of order
+
+  void start(Timestamp t) noexcept {
+    started_ = true;
+    const Timestamp behind = t % interval_us_;
+    next_ = behind > 0 ? later(t, interval_us_ - behind) : t - behind;
+  }
+
+  // A garbled time may be the last one that there is.
+  static Timestamp later(Timestamp t, std::int64_t us) noexcept {
+    return us > 0 && t > kNever - us ? kNever : t + std::max<std::int64_t>(us, 0);
+  }
+
+  std::int64_t interval_us_;
+  std::uint64_t gap_us_;
+  bool started_ = false;
+  Timestamp next_ = kNever;
+  Timestamp last_t_ = 0;           // of the last block
+  Clock::time_point last_pushed_;  // when it was
+};
+
+}  // namespace evmarker::live
