@@ -7,6 +7,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/event_history.hpp"
@@ -44,13 +45,18 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
           geodesic_angle(forward.linear(), backward.linear())};
 }
 
-/// Keeps the events of the last updates and, every `updates` of them, runs a copy of the tracker back over them.
+/// Keeps the events of the last updates and, every `updates` of them, runs a copy of the tracker back over them: two
+/// steps back with every event that comes, so that no event waits for the whole way.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
   Verification(const EdgeFollower<Rule>& forward, const VerificationSettings& settings)
-      : settings_(settings), window_(settings.max_events), backward_(forward), T_start_(forward.T_camera_marker()) {
+      : settings_(settings),
+        window_(settings.max_events),
+        past_(settings.max_events),
+        backward_(forward),
+        T_start_(forward.T_camera_marker()) {
     const auto require = [](bool good, const char* name, double value) {
       if (!good) throw std::invalid_argument(std::string("verification: ") + name + " is " + std::to_string(value));
     };
@@ -59,25 +65,25 @@ class Verification {
     require(settings.max_rotation_rad > 0, "max_rotation_rad", settings.max_rotation_rad);
   }
 
-  /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of a window: the
-  /// error between the pose at its start and the pose that the way back leads to.
+  /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
+  /// over a window: the error between the pose at its start and the pose that the way back led to.
   std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
                                      const UndistortionTable& lines) noexcept {
     window_.push(event);
     updates_ += updated;
-    const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events;
-    if (!updated || (!complete && !window_.full())) return std::nullopt;
-    BacktrackError error = backtrack_error(T_start_, backtrack(forward, lines), forward.matcher().focal_length());
-    expect(forward, error);
-    start_window(forward);
+    auto error = step_back(kStepsBack, lines);
+    const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events && steps_left_ == 0;
+    if (!updated || (!complete && !window_.full())) return error;
+    if (!error) error = step_back(steps_left_, lines);
+    turn_back(forward);
+    start(forward);
     return error;
   }
 
   /// Forgets the events so far; the next window starts at the forward tracker's present pose.
   void start_window(const EdgeFollower<Rule>& forward) noexcept {
-    T_start_ = forward.T_camera_marker();
-    window_.clear();
-    updates_ = 0;
+    steps_left_ = 0;
+    start(forward);
   }
 
   /// Whether the error is within the thresholds, or within nine times what one has to expect. False for NaN.
@@ -87,20 +93,42 @@ class Verification {
   }
 
  private:
-  static constexpr double kExpected = 9;  // standard deviations
+  static constexpr double kExpected = 9;        // standard deviations
+  static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
 
-  // From the forward tracker's last pose, with cleared averages, through the window's events in reverse; their times
-  // run on from the last one, so that the rule sees time that passes.
-  const Eigen::Isometry3d& backtrack(const EdgeFollower<Rule>& forward, const UndistortionTable& lines) noexcept {
+  void start(const EdgeFollower<Rule>& forward) noexcept {
+    T_start_ = forward.T_camera_marker();
+    window_.clear();
+    updates_ = 0;
+  }
+
+  // The way back begins at the forward tracker's pose, with cleared averages.
+  void turn_back(const EdgeFollower<Rule>& forward) noexcept {
+    std::swap(window_, past_);
+    steps_left_ = past_.size();
     backward_ = forward;
     backward_.reverse();
-    const Timestamp end = window_[window_.size() - 1].t;
-    const auto mirrored = [end](Timestamp t) {  // 2 end - t, also where that does not fit
-      return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
-    };
-    window_.for_each_reversed(
-        [&](const Event& event) { backward_.push(lines(event), mirrored(event.t), event.p > 0); });
-    return backward_.T_camera_marker();
+    T_past_start_ = T_start_;
+    expected_ = {};
+    expect(forward, expected_);
+  }
+
+  // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
+  // passes.
+  std::optional<BacktrackError> step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
+    if (steps_left_ == 0) return std::nullopt;
+    const Timestamp end = past_[past_.size() - 1].t;
+    for (steps = std::min(steps, steps_left_); steps > 0; --steps) {
+      const Event& event = past_[--steps_left_];
+      const auto mirrored = static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(event.t, end));
+      backward_.push(lines(event), mirrored, event.p > 0);
+    }
+    if (steps_left_ > 0) return std::nullopt;
+    BacktrackError error =
+        backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
+    error.expected_px = expected_.expected_px;
+    error.expected_rad = expected_.expected_rad;
+    return error;
   }
 
   // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so.
@@ -117,6 +145,10 @@ class Verification {
 
   VerificationSettings settings_;
   EventHistory window_;
+  EventHistory past_;           // the window before, while the way back goes on
+  std::size_t steps_left_ = 0;  // of it
+  Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
+  BacktrackError expected_;
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
