@@ -68,7 +68,7 @@ class KalmanUpdate {
     ++events_;
   }
 
-  bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+  [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     const double dt = seconds_since_update(t);
     const double mean_dt = events_ > 0 ? std::min(since_s_ / events_, dt) : dt;
     t_ = t;
@@ -136,7 +136,7 @@ class KalmanUpdate {
     P_vq_ = -P_vq_;
   }
 
-  Matrix6d information() const noexcept {
+  [[gnu::noinline]] Matrix6d information() const noexcept {
     const double carried = this->carried(lead_s_);
     const Matrix6d P_vp = P_vq_.leftCols<6>();
     const Noise noise = this->noise(std::abs(lead_s_));

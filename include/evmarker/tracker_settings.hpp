@@ -1,0 +1,40 @@
+#pragma once
+// Floor 7. What a tracker of many markers can be told, and what it counts.
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+
+#include "evmarker/marker_tracker.hpp"
+
+namespace evmarker {
+
+template <PoseUpdateRule Rule = KalmanUpdate>
+struct TrackerSettings {
+  std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
+  std::chrono::microseconds detection_interval{10000};  ///< event time from one look at the polarity frame to the next
+  std::chrono::microseconds search_interval{5000};      ///< the same until there is a marker, all confirmed
+  /// Event time from a look to the registration of what it found, as if the detector took so long; the events between
+  /// are replayed into the new trackers.
+  std::chrono::microseconds detection_latency{0};
+  int min_events_per_detection = 200;  ///< no new look before this many events have passed the filter
+  int detections_to_confirm = 2;  ///< looks that must show a marker's code where it is tracked before it is announced
+  std::size_t max_markers = 64;   ///< tracked at the same time
+  std::size_t history_events = 1u << 18;  ///< kept to be replayed
+  MarkerTrackerSettings<Rule> marker{};   ///< of every marker's tracker
+};
+
+/// What happened to the events so far.
+struct TrackerStatistics {
+  std::uint64_t events = 0;           ///< pushed
+  std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
+  std::uint64_t filtered = 0;         ///< discarded: no support in space and time
+  std::uint64_t matched = 0;          ///< taken into pose updates, all markers together
+  std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; taken as they are
+  std::uint64_t detections = 0;       ///< looks at the polarity frame
+  std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
+  std::uint64_t replayed = 0;         ///< events replayed into markers that began to be tracked
+  std::uint64_t replays_cut = 0;      ///< of these replays, how many lacked events: more than `history_events` since
+  std::uint64_t lost = 0;             ///< of the registered
+};
+
+}  // namespace evmarker
