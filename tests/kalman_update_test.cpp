@@ -174,6 +174,47 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
   CHECK(tested - dark_above > 50);
 }
 
+TEST_CASE("many events, taken one by one or all at once: the textbook's gain of the stacked measurements") {
+  const KalmanSettings settings{.latency_sigma_s = 1e-9, .trail_sigma_px = 1e-9, .covariance_scale = 1};
+  const Isometry3d T = facing_pose({0.05, -0.02, 0.6}, {0.2, -0.3, 0.1});
+  Eigen::Matrix<double, 7, 7> P0 = Eigen::Matrix<double, 7, 7>::Zero();
+  P0.diagonal() << Vector3d::Constant(std::pow(settings.initial_sigma_t_m, 2)),
+      Vector3d::Constant(std::pow(settings.initial_sigma_r_rad, 2)), std::pow(settings.initial_sigma_offset_px, 2);
+  for (const int n : {1, 2, 5, 10, 11, 12, 60}) {
+    CAPTURE(n);
+    ExactEvents events(33);
+    SegmentMatcher matcher(kCode, kFocal);
+    REQUIRE(matcher.project(T));
+    KalmanUpdate rule(settings, n);
+    Eigen::MatrixXd J(n, 7);
+    Eigen::VectorXd d(n), weight(n);
+    double spread2 = 1;
+    for (int i = 0; i < n;) {
+      Correspondence c;
+      if (matcher.match(events.next(T, 0.4 * std::sin(i + 1)), c) != MatchResult::matched) continue;
+      rule.add(c, T);
+      const Vector3d lever = c.E - T.translation();
+      J.row(i) << c.gradient.transpose(), lever.cross(c.gradient).transpose(), 1;
+      d(i) = c.distance_px;
+      weight(i) = 1 / (1 + d(i) * d(i));
+      spread2 += 0.001 * (d(i) * d(i) - spread2);
+      ++i;
+    }
+    Isometry3d moved = T;
+    REQUIRE(rule.update(moved, 5));
+    const Eigen::MatrixXd R = (settings.inflation * settings.inflation * spread2 * weight.cwiseInverse()).asDiagonal();
+    const Eigen::MatrixXd S = J * P0 * J.transpose() + R;
+    const Eigen::MatrixXd gain = P0 * J.transpose() * S.fullPivLu().inverse();
+    const Eigen::VectorXd expected = gain * d;
+    const Eigen::MatrixXd P = P0 - gain * J * P0;
+    const Vector6d sigma = P0.diagonal().head<6>().cwiseSqrt();
+    REQUIRE(expected.head<6>().cwiseQuotient(sigma).norm() > 1e-3);
+    CHECK((error_of(T, moved) - expected.head<6>()).cwiseQuotient(sigma).norm() < 1e-6);
+    CHECK(rule.edge_offset_px() == doctest::Approx(expected(6)));
+    CHECK((rule.information() * P.topLeftCorner<6, 6>() - Matrix6d::Identity()).norm() < 1e-4);
+  }
+}
+
 TEST_CASE("a displaced pose comes home within a few updates of exact events, for every n") {
   const auto still = [](double) { return kTruth; };
   const Isometry3d start = perturbed(kTruth, step({0.003, -0.002, 0.008}, {0.03, -0.02, 0.03}));

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -60,7 +61,13 @@ class KalmanUpdate {
     const double weight = robust2 / (robust2 + residual2);
     const Vector8 row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
                       residual);
-    sum_of_squares(weight * row, row);
+    if (events_ < kFew) {
+      rows_[static_cast<std::size_t>(events_)] = {row, weight};
+    } else {
+      if (events_ == kFew)
+        for (const Row& first : rows_) sum_of_squares(first.weight * first.row, first.row);
+      sum_of_squares(weight * row, row);
+    }
     spread2_px_ += 0.001 * (residual2 - spread2_px_);
     lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever2 - lever2_);
     px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (gradient2 - px_per_m2_);
@@ -75,49 +82,26 @@ class KalmanUpdate {
     started_ = true;
     const Vector6d moved = predict(mean_dt);
 
-    // Information H and b of the events about q; their residuals refer to the pose before the prediction.
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    Matrix7 H;
-    Vector7 b;
-    for (int i = 0; i < 7; ++i) b(i) = per_event * squares_(7, i);
-    for (int i = 0; i < 7; ++i)
-      for (int j = 0; j <= i; ++j) H(i, j) = H(j, i) = per_event * squares_(i, j);
+    const Posterior after = events_ <= kFew ? one_by_one(moved, per_event) : together(moved, per_event);
     forget_events();
-    for (int j = 0; j < 7; ++j)
-      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * moved(i);
 
-    // q: P_qq <- (P_qq^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
-    Matrix7 P_qq = P_qq_;
-    bool good = invert_lower(P_qq);
-    for_lower<7>([&](int i, int j) { P_qq(i, j) += H(i, j); });
-    good = invert_lower(P_qq) && good;
-    mirror_lower(P_qq);
-    const Matrix67 P_vq_H = product(P_vq_, H);
-    const Matrix67 P_vq = P_vq_ - product(P_vq_H, P_qq);
-    Matrix6d P_vv = P_vv_;
-    for (int k = 0; k < 7; ++k)
-      for (int j = 0; j < 6; ++j) P_vv.col(j) -= P_vq(j, k) * P_vq_H.col(k);
-    Vector7 dq = Vector7::Zero();
-    Vector6d dv = Vector6d::Zero();
-    for (int k = 0; k < 7; ++k) {
-      for (int i = 0; i < 7; ++i) dq(i) += P_qq(i, k) * b(k);
-      dv += b(k) * P_vq.col(k);
-    }
     Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + dv;
+    const Vector6d twist = twist_ + after.dv;
     const double lead_s = dt - mean_dt;
-    perturb(T, moved + dq.head<6>() + carried(lead_s) * twist);
+    perturb(T, moved + after.dq.head<6>() + carried(lead_s) * twist);
     // Whatever is not finite in any of the blocks has come down to these.
-    if (!good || !std::isfinite(dq.sum() + dv.sum() + P_vv.trace() + T.matrix().sum())) return false;
+    if (!after.good || !std::isfinite(after.dq.sum() + after.dv.sum() + after.P_vv.trace() + T.matrix().sum()))
+      return false;
 
-    P_qq_ = P_qq;
-    P_vq_ = P_vq;
-    P_vv_ = P_vv;
+    P_qq_ = after.P_qq;
+    P_vq_ = after.P_vq;
+    P_vv_ = after.P_vv;
     T_camera_marker = T;
     twist_ = twist;
     lead_s_ = lead_s;
-    offset_px_ += dq(6);
+    offset_px_ += after.dq(6);
     return true;
   }
 
@@ -156,6 +140,7 @@ class KalmanUpdate {
 
  private:
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
+  static constexpr int kFew = 10;                  // measured: of so many, all at once is as fast
   using Vector8 = Eigen::Matrix<double, 8, 1>;
   using Vector7 = Eigen::Matrix<double, 7, 1>;
   using Matrix7 = Eigen::Matrix<double, 7, 7>;
@@ -176,6 +161,80 @@ class KalmanUpdate {
     squares_.col(7).tail<2>() += b(7) * a.tail<2>();
   }
 
+  // One event: [J; d] and its robust weight.
+  struct Row {
+    Vector8 row;
+    double weight;
+  };
+
+  // What the events make of the predicted state; their residuals refer to the pose before the prediction.
+  struct Posterior {
+    Matrix7 P_qq;
+    Matrix67 P_vq;
+    Matrix6d P_vv;
+    Vector7 dq;
+    Vector6d dv;
+    bool good;
+  };
+
+  // One scalar measurement after the other: exact, and cheaper while they are few.
+  Posterior one_by_one(const Vector6d& moved, double per_event) const noexcept {
+    Posterior after{P_qq_, P_vq_, P_vv_, Vector7::Zero(), Vector6d::Zero(), true};
+    for (int event = 0; event < events_; ++event) {
+      const auto& [row, weight] = rows_[static_cast<std::size_t>(event)];
+      Vector7 P_q_J = row(0) * after.P_qq.col(0);
+      Vector6d P_v_J = row(0) * after.P_vq.col(0);
+      for (int k = 1; k < 7; ++k) {
+        P_q_J += row(k) * after.P_qq.col(k);
+        P_v_J += row(k) * after.P_vq.col(k);
+      }
+      double variance = 1 / (per_event * weight), residual = row(7);
+      for (int k = 0; k < 7; ++k) {
+        variance += row(k) * P_q_J(k);
+        residual -= row(k) * (after.dq(k) + (k < 6 ? moved(k) : 0));
+      }
+      const double inverse = 1 / variance;
+      const Vector7 gain_q = inverse * P_q_J;
+      const Vector6d gain_v = inverse * P_v_J;
+      after.dq += residual * gain_q;
+      after.dv += residual * gain_v;
+      for (int k = 0; k < 7; ++k) {
+        after.P_qq.col(k) -= P_q_J(k) * gain_q;
+        after.P_vq.col(k) -= P_q_J(k) * gain_v;
+      }
+      for (int k = 0; k < 6; ++k) after.P_vv.col(k) -= P_v_J(k) * gain_v;
+    }
+    after.good = after.P_qq.diagonal().minCoeff() > 0;
+    return after;
+  }
+
+  // All at once by their information H and b about q.
+  Posterior together(const Vector6d& moved, double per_event) const noexcept {
+    Matrix7 H;
+    Vector7 b;
+    for (int i = 0; i < 7; ++i) b(i) = per_event * squares_(7, i);
+    for (int i = 0; i < 7; ++i)
+      for (int j = 0; j <= i; ++j) H(i, j) = H(j, i) = per_event * squares_(i, j);
+    for (int j = 0; j < 7; ++j)
+      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * moved(i);
+
+    // P_qq <- (P_qq^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
+    Posterior after{P_qq_, P_vq_, P_vv_, Vector7::Zero(), Vector6d::Zero(), true};
+    after.good = invert_lower(after.P_qq);
+    for_lower<7>([&](int i, int j) { after.P_qq(i, j) += H(i, j); });
+    after.good = invert_lower(after.P_qq) && after.good;
+    mirror_lower(after.P_qq);
+    const Matrix67 P_vq_H = product(P_vq_, H);
+    after.P_vq -= product(P_vq_H, after.P_qq);
+    for (int k = 0; k < 7; ++k)
+      for (int j = 0; j < 6; ++j) after.P_vv.col(j) -= after.P_vq(j, k) * P_vq_H.col(k);
+    for (int k = 0; k < 7; ++k) {
+      for (int i = 0; i < 7; ++i) after.dq(i) += after.P_qq(i, k) * b(k);
+      after.dv += b(k) * after.P_vq.col(k);
+    }
+    return after;
+  }
+
   static Matrix67 product(const Matrix67& A, const Matrix7& B) noexcept {
     Matrix67 AB;
     for (int j = 0; j < 7; ++j) {
@@ -187,8 +246,9 @@ class KalmanUpdate {
   }
 
   void forget_events() noexcept {
-    squares_.setZero();
-    since_s_ = events_ = 0;
+    if (events_ > kFew) squares_.setZero();
+    since_s_ = 0;
+    events_ = 0;
   }
 
   static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
@@ -271,12 +331,13 @@ class KalmanUpdate {
   Matrix6d P_vv_ = Matrix6d::Zero();
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
-  Matrix8 squares_ = Matrix8::Zero();  // lower triangle: sum of w [J; d] [J; d]^T
+  Matrix8 squares_ = Matrix8::Zero();  // lower triangle: sum of w [J; d] [J; d]^T, of more than a few events
   double spread2_px_ = 1;              // running mean of the squared residuals [px^2]
   double lever2_ = 0;                  // running mean of |E - T|^2 [m^2], 0 before the first event
   double px_per_m2_ = 0;               // running mean of |gradient|^2 [px^2/m^2]
   double since_s_ = 0;                 // sum of the events' times since the last update [s]
-  double events_ = 0;
+  int events_ = 0;
+  std::array<Row, kFew> rows_;  // of the first events
   double lead_s_ = 0;  // the filter's state is as old as the mean of its last events; the pose is so much newer
   Timestamp t_ = 0;    // of the pose
   bool started_ = false;
