@@ -14,14 +14,14 @@ set boxwidth 0.92
 set logscale y
 set grid ytics mytics linecolor rgb "#dddddd"
 set tics nomirror scale 0.5
-array colour[8] = ["#9e9e9e", "#5b8db8", "#d62728", "#e0a030", "#8fc28f", "#3c8d3c", "#c3a3d6", "#7b4fa0"]
+array colour[9] = ["#9e9e9e", "#5b8db8", "#d62728", "#e0a030", "#8fc28f", "#3c8d3c", "#c3a3d6", "#7b4fa0", "#3d2352"]
 set multiplot layout 2,1 title "Mean pose error on simulated recordings (a missing bar: never found)" font ",15"
 set key outside top center horizontal maxrows 2 samplen 1.5 font ",11"
 set ylabel "translation [mm]"
-set yrange [0.1:100]
-plot for [i=1:methods] bars using 2*i:xtic(1) linecolor rgb colour[(i - 1) % 8 + 1] title columnheader(2*i)
+set yrange [0.05:100]
+plot for [i=1:methods] bars using 2*i:xtic(1) linecolor rgb colour[(i - 1) % 9 + 1] title columnheader(2*i)
 unset key
 set ylabel "rotation [deg]"
-set yrange [0.03:100]
-plot for [i=1:methods] bars using 2*i+1:xtic(1) linecolor rgb colour[(i - 1) % 8 + 1] title columnheader(2*i)
+set yrange [0.02:100]
+plot for [i=1:methods] bars using 2*i+1:xtic(1) linecolor rgb colour[(i - 1) % 9 + 1] title columnheader(2*i)
 unset multiplot

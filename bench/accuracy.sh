@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# The accuracy table and its plot by one command: builds, simulates, tracks, compares. Ten minutes; --quick takes two.
+# The accuracy table and its plot by one command: builds, simulates, tracks, compares. A quarter of an hour on two cores;
+# --quick takes two minutes.
 #   bash bench/accuracy.sh [OUTPUT_DIRECTORY [OPTION...]]     options are those of evmarker_accuracy
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)

@@ -176,6 +176,37 @@ TEST_CASE("lens distortion is undone") {
   }
 }
 
+TEST_CASE("a marker that was just lost is searched near where it should be, and shown only where it is") {
+  const Eigen::Isometry3d T = pose(0.03, -0.02, 0.5, 0.35, -0.3, 0.4);
+  PolarityFrame frame(kSize), other(kSize);
+  print(frame, {}, marker0(), 0.1, T);
+  CodeBits other_bits = marker0();
+  for (auto& bit : other_bits.reshaped()) bit = !bit;
+  print(other, {}, other_bits, 0.1, T);
+  ArucoDetector detector(kCamera, {.marker_length = 0.1});
+  for (const double off_m : {0.0, 0.002, -0.003}) {
+    CAPTURE(off_m);
+    Eigen::Isometry3d predicted = T;
+    predicted.translation() += Eigen::Vector3d(off_m, -off_m, 3 * off_m);
+    detector.detect(frame);
+    const auto found = detector.search(0, predicted);
+    REQUIRE(found);
+    CHECK(found->id == 0);
+    CHECK(found->t == frame.t());
+    CHECK((found->T_camera_marker.translation() - T.translation()).norm() < 0.002);
+    CHECK(angle_deg(found->T_camera_marker, T) < 1);
+    CHECK(detector.shows(0, T));
+    CHECK_FALSE(detector.shows(1, T));
+
+    detector.detect(other);  // another marker at the same place
+    CHECK_FALSE(detector.search(0, predicted));
+    CHECK_FALSE(detector.shows(0, T));
+    detector.detect(PolarityFrame(kSize));
+    CHECK_FALSE(detector.search(0, predicted));
+    CHECK_FALSE(detector.shows(0, T));
+  }
+}
+
 TEST_CASE("a small marker seen nearly head on has two poses, a large tilted one has one") {
   ArucoDetector detector(kCamera, {.marker_length = 0.10});
   int small = 0, two = 0;

@@ -99,7 +99,7 @@ class MarkerTracker {
       return &lose();
     }
     if (!updated) return nullptr;
-    if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
+    if (!follower_.in_front() || (coverage_.due() && out_of_sight())) return &lose();
     return &describe();
   }
 
@@ -186,8 +186,8 @@ class MarkerTracker {
     coverage_.restart();
   }
 
-  bool hidden() noexcept {
-    if (!coverage_.due()) return false;
+  bool out_of_sight() noexcept {
+    if (out_of_image()) return true;
     const auto silent_share = coverage_.silent_share(model(), T_camera_marker());
     return silent_share && *silent_share > settings_.max_silent_share && pose_.quality.state == TrackingState::tracking;
   }
