@@ -3,11 +3,11 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
+#include "evmarker/kalman_measurements.hpp"
 #include "evmarker/kalman_settings.hpp"
 #include "evmarker/pose_update.hpp"
 #include "evmarker/so3.hpp"
@@ -45,9 +45,9 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_qq_.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+    P_.qq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)), squared(settings.initial_sigma_offset_px);
-    P_vv_.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
+    P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
   }
 
@@ -59,32 +59,25 @@ class KalmanUpdate {
     if (!std::isfinite(residual2 * (gradient2 + turning.squaredNorm()) * lever2)) return;  // it would stay for ever
     const double robust2 = settings_.robust_px * settings_.robust_px;
     const double weight = robust2 / (robust2 + residual2);
-    const Vector8 row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
-                      residual);
-    if (events_ < kFew) {
-      rows_[static_cast<std::size_t>(events_)] = {row, weight};
-    } else {
-      if (events_ == kFew)
-        for (const Row& first : rows_) sum_of_squares(first.weight * first.row, first.row);
-      sum_of_squares(weight * row, row);
-    }
+    const Vector8d row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
+                       residual);
+    measurements_.add(row, weight);
     spread2_px_ += 0.001 * (residual2 - spread2_px_);
     lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever2 - lever2_);
     px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (gradient2 - px_per_m2_);
     since_s_ += seconds_since_update(c.t);
-    ++events_;
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     const double dt = seconds_since_update(t);
-    const double mean_dt = events_ > 0 ? std::min(since_s_ / events_, dt) : dt;
+    const double mean_dt = measurements_.count() > 0 ? std::min(since_s_ / measurements_.count(), dt) : dt;
     t_ = t;
     started_ = true;
     const Vector6d moved = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    const Posterior after = events_ <= kFew ? one_by_one(moved, per_event) : together(moved, per_event);
+    const auto after = measurements_.correction(P_, moved, per_event);
     forget_events();
 
     Eigen::Isometry3d T = T_camera_marker;
@@ -92,12 +85,10 @@ class KalmanUpdate {
     const double lead_s = dt - mean_dt;
     perturb(T, moved + after.dq.head<6>() + carried(lead_s) * twist);
     // Whatever is not finite in any of the blocks has come down to these.
-    if (!after.good || !std::isfinite(after.dq.sum() + after.dv.sum() + after.P_vv.trace() + T.matrix().sum()))
+    if (!after.good || !std::isfinite(after.dq.sum() + after.dv.sum() + after.P.vv.trace() + T.matrix().sum()))
       return false;
 
-    P_qq_ = after.P_qq;
-    P_vq_ = after.P_vq;
-    P_vv_ = after.P_vv;
+    P_ = after.P;
     T_camera_marker = T;
     twist_ = twist;
     lead_s_ = lead_s;
@@ -117,14 +108,14 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_vq_ = -P_vq_;
+    P_.vq = -P_.vq;
   }
 
   [[gnu::noinline]] Matrix6d information() const noexcept {
     const double carried = this->carried(lead_s_);
-    const Matrix6d P_vp = P_vq_.leftCols<6>();
+    const Matrix6d P_vp = P_.vq.leftCols<6>();
     const Noise noise = this->noise(std::abs(lead_s_));
-    Matrix6d P = P_qq_.topLeftCorner<6, 6>() + carried * (P_vp + P_vp.transpose() + carried * P_vv_);
+    Matrix6d P = P_.qq.topLeftCorner<6, 6>() + carried * (P_vp + P_vp.transpose() + carried * P_.vv);
     P.diagonal() += noise.along(noise.pose);
     const double speed = this->speed(rotation_speed());
     const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
@@ -140,115 +131,11 @@ class KalmanUpdate {
 
  private:
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
-  static constexpr int kFew = 10;                  // measured: of so many, all at once is as fast
-  using Vector8 = Eigen::Matrix<double, 8, 1>;
-  using Vector7 = Eigen::Matrix<double, 7, 1>;
-  using Matrix7 = Eigen::Matrix<double, 7, 7>;
-  using Matrix8 = Eigen::Matrix<double, 8, 8>;
-  using Matrix67 = Eigen::Matrix<double, 6, 7>;
-
   static constexpr double squared(double x) noexcept { return x * x; }
 
-  // squares_ += a b^T in the lower triangle, by two columns.
-  void sum_of_squares(const Vector8& a, const Vector8& b) noexcept {
-    squares_.col(0) += b(0) * a;
-    squares_.col(1) += b(1) * a;
-    squares_.col(2).tail<6>() += b(2) * a.tail<6>();
-    squares_.col(3).tail<6>() += b(3) * a.tail<6>();
-    squares_.col(4).tail<4>() += b(4) * a.tail<4>();
-    squares_.col(5).tail<4>() += b(5) * a.tail<4>();
-    squares_.col(6).tail<2>() += b(6) * a.tail<2>();
-    squares_.col(7).tail<2>() += b(7) * a.tail<2>();
-  }
-
-  // One event: [J; d] and its robust weight.
-  struct Row {
-    Vector8 row;
-    double weight;
-  };
-
-  // What the events make of the predicted state; their residuals refer to the pose before the prediction.
-  struct Posterior {
-    Matrix7 P_qq;
-    Matrix67 P_vq;
-    Matrix6d P_vv;
-    Vector7 dq;
-    Vector6d dv;
-    bool good;
-  };
-
-  // One scalar measurement after the other: exact, and cheaper while they are few.
-  Posterior one_by_one(const Vector6d& moved, double per_event) const noexcept {
-    Posterior after{P_qq_, P_vq_, P_vv_, Vector7::Zero(), Vector6d::Zero(), true};
-    for (int event = 0; event < events_; ++event) {
-      const auto& [row, weight] = rows_[static_cast<std::size_t>(event)];
-      Vector7 P_q_J = row(0) * after.P_qq.col(0);
-      Vector6d P_v_J = row(0) * after.P_vq.col(0);
-      for (int k = 1; k < 7; ++k) {
-        P_q_J += row(k) * after.P_qq.col(k);
-        P_v_J += row(k) * after.P_vq.col(k);
-      }
-      double variance = 1 / (per_event * weight), residual = row(7);
-      for (int k = 0; k < 7; ++k) {
-        variance += row(k) * P_q_J(k);
-        residual -= row(k) * (after.dq(k) + (k < 6 ? moved(k) : 0));
-      }
-      const double inverse = 1 / variance;
-      const Vector7 gain_q = inverse * P_q_J;
-      const Vector6d gain_v = inverse * P_v_J;
-      after.dq += residual * gain_q;
-      after.dv += residual * gain_v;
-      for (int k = 0; k < 7; ++k) {
-        after.P_qq.col(k) -= P_q_J(k) * gain_q;
-        after.P_vq.col(k) -= P_q_J(k) * gain_v;
-      }
-      for (int k = 0; k < 6; ++k) after.P_vv.col(k) -= P_v_J(k) * gain_v;
-    }
-    after.good = after.P_qq.diagonal().minCoeff() > 0;
-    return after;
-  }
-
-  // All at once by their information H and b about q.
-  Posterior together(const Vector6d& moved, double per_event) const noexcept {
-    Matrix7 H;
-    Vector7 b;
-    for (int i = 0; i < 7; ++i) b(i) = per_event * squares_(7, i);
-    for (int i = 0; i < 7; ++i)
-      for (int j = 0; j <= i; ++j) H(i, j) = H(j, i) = per_event * squares_(i, j);
-    for (int j = 0; j < 7; ++j)
-      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * moved(i);
-
-    // P_qq <- (P_qq^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
-    Posterior after{P_qq_, P_vq_, P_vv_, Vector7::Zero(), Vector6d::Zero(), true};
-    after.good = invert_lower(after.P_qq);
-    for_lower<7>([&](int i, int j) { after.P_qq(i, j) += H(i, j); });
-    after.good = invert_lower(after.P_qq) && after.good;
-    mirror_lower(after.P_qq);
-    const Matrix67 P_vq_H = product(P_vq_, H);
-    after.P_vq -= product(P_vq_H, after.P_qq);
-    for (int k = 0; k < 7; ++k)
-      for (int j = 0; j < 6; ++j) after.P_vv.col(j) -= after.P_vq(j, k) * P_vq_H.col(k);
-    for (int k = 0; k < 7; ++k) {
-      for (int i = 0; i < 7; ++i) after.dq(i) += after.P_qq(i, k) * b(k);
-      after.dv += b(k) * after.P_vq.col(k);
-    }
-    return after;
-  }
-
-  static Matrix67 product(const Matrix67& A, const Matrix7& B) noexcept {
-    Matrix67 AB;
-    for (int j = 0; j < 7; ++j) {
-      Vector6d column = B(0, j) * A.col(0);
-      for (int k = 1; k < 7; ++k) column += B(k, j) * A.col(k);
-      AB.col(j) = column;
-    }
-    return AB;
-  }
-
   void forget_events() noexcept {
-    if (events_ > kFew) squares_.setZero();
+    measurements_.clear();
     since_s_ = 0;
-    events_ = 0;
   }
 
   static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
@@ -304,20 +191,20 @@ class KalmanUpdate {
     const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
     const Noise noise = this->noise(std::abs(dt));
     // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_vp = P_vq_.leftCols<6>();
-    const Matrix6d P_vp_moved = P_vp + carried * P_vv_;
-    const Vector6d P_po = P_qq_.col(6).head<6>() + carried * P_vq_.col(6);
-    P_qq_.topLeftCorner<6, 6>() += carried * (P_vp.transpose() + P_vp_moved);
-    P_qq_.col(6).head<6>() = P_po;
-    P_qq_.row(6).head<6>() = P_po.transpose();
-    P_vq_.leftCols<6>() = kept * P_vp_moved;
-    P_vq_.col(6) *= kept;
-    P_vv_ *= kept * kept;
+    const Matrix6d P_vp = P_.vq.leftCols<6>();
+    const Matrix6d P_vp_moved = P_vp + carried * P_.vv;
+    const Vector6d P_po = P_.qq.col(6).head<6>() + carried * P_.vq.col(6);
+    P_.qq.topLeftCorner<6, 6>() += carried * (P_vp.transpose() + P_vp_moved);
+    P_.qq.col(6).head<6>() = P_po;
+    P_.qq.row(6).head<6>() = P_po.transpose();
+    P_.vq.leftCols<6>() = kept * P_vp_moved;
+    P_.vq.col(6) *= kept;
+    P_.vv *= kept * kept;
 
-    P_qq_.diagonal().head<6>() += noise.along(noise.pose);
-    P_vq_.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
-    P_vv_.diagonal() += noise.along(noise.velocity);
-    P_qq_(6, 6) += squared(settings_.offset_drift_px) * std::abs(dt);
+    P_.qq.diagonal().head<6>() += noise.along(noise.pose);
+    P_.vq.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
+    P_.vv.diagonal() += noise.along(noise.velocity);
+    P_.qq(6, 6) += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
     twist_ *= kept;
     lead_s_ = 0;
@@ -325,19 +212,14 @@ class KalmanUpdate {
   }
 
   Settings settings_;
-  // Covariance by blocks: q is what events tell of, pose and edge offset; v the velocity.
-  Matrix7 P_qq_ = Matrix7::Zero();
-  Matrix67 P_vq_ = Matrix67::Zero();
-  Matrix6d P_vv_ = Matrix6d::Zero();
+  BlockCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
-  Matrix8 squares_ = Matrix8::Zero();  // lower triangle: sum of w [J; d] [J; d]^T, of more than a few events
-  double spread2_px_ = 1;              // running mean of the squared residuals [px^2]
-  double lever2_ = 0;                  // running mean of |E - T|^2 [m^2], 0 before the first event
-  double px_per_m2_ = 0;               // running mean of |gradient|^2 [px^2/m^2]
-  double since_s_ = 0;                 // sum of the events' times since the last update [s]
-  int events_ = 0;
-  std::array<Row, kFew> rows_;  // of the first events
+  KalmanMeasurements measurements_;  // since the last update
+  double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
+  double lever2_ = 0;                // running mean of |E - T|^2 [m^2], 0 before the first event
+  double px_per_m2_ = 0;             // running mean of |gradient|^2 [px^2/m^2]
+  double since_s_ = 0;               // sum of the events' times since the last update [s]
   double lead_s_ = 0;  // the filter's state is as old as the mean of its last events; the pose is so much newer
   Timestamp t_ = 0;    // of the pose
   bool started_ = false;

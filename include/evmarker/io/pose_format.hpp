@@ -17,8 +17,8 @@ namespace evmarker::io {
 inline constexpr std::string_view kPoseCsvHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
 
-/// What a rule that estimates velocity and covariance adds to each row: twist [m/s; rad/s], edge offset, and the standard
-/// deviations of position (root of the trace) and rotation.
+/// What a rule that estimates velocity and covariance adds to each row: twist [m/s; rad/s], edge offset, and the
+/// standard deviations of position (root of the trace) and rotation.
 inline constexpr std::string_view kPoseCsvMotionHeader = ",vx,vy,vz,wx,wy,wz,edge_offset_px,sigma_t_mm,sigma_r_deg";
 
 /// Appends the shortest text that reads back as the same number; `nan` without sign.
