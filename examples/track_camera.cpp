@@ -165,6 +165,12 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     if (window) tap.push(begin, end);
   });
 
+  // Whatever happens: its thread uses the pipeline.
+  const struct Stop {
+    OpenEbSource& source;
+    ~Stop() { source.stop(); }
+  } stop{source};
+
   for (const int signal : {SIGINT, SIGTERM})
     std::signal(signal, [](int caught) {
       interrupted = true;

@@ -42,6 +42,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   const std::vector<Board> boards = options.load_boards();
   BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
+  Viewer viewer(camera, options.view);  // before there are other threads
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
   recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
   std::optional<io::GroundTruth> truth;
@@ -52,7 +53,6 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   Tracker tracker(camera, detector, options.settings<Rule>(rule));
   TrackSummary summary;
   const auto model_of = [&](MarkerId id) { return detector.model(id); };
-  Viewer viewer(camera, options.view);
   const auto start = std::chrono::steady_clock::now();
   {
     console::ProgressBar progress(options.quiet);

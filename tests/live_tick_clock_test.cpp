@@ -88,3 +88,16 @@ TEST_CASE("without events the wall clock runs camera time on") {
 TEST_CASE("an interval that is none is named") {
   CHECK_THROWS_WITH(TickClock(0us, 1s), "pipeline: tick_interval [us] is 0");
 }
+
+TEST_CASE("after a garbled time, or a step back within a block, ticks go on with the next block") {
+  for (const Timestamp garbled : {Timestamp{1} << 40, std::numeric_limits<Timestamp>::max(), Timestamp{7000000}}) {
+    CAPTURE(garbled);
+    TickClock clock(1000us, 1s);
+    CHECK(play(clock, {1000, garbled, 2000}).front() == 1000);
+    CHECK(play(clock, {3000, 5000}) == Ticks{3000, 4000, 5000});
+  }
+  TickClock slow(2000000us, 1s);  // an interval longer than the gap is none
+  CHECK(play(slow, {100, 200}).empty());
+  CHECK(play(slow, {300, 1100000}).empty());
+  CHECK(play(slow, {2000000}) == Ticks{2000000});
+}

@@ -133,6 +133,27 @@ TEST_CASE("a detection must be confirmed, an id is tracked once, and a full hous
   CHECK(eager.markers().size() == 1);
 }
 
+TEST_CASE("a marker that was moved while the camera was restarted is found where it is now") {
+  const Trajectory before = simulated::near_motion(61),
+                   after = trajectory::handheld({.T_center = facing_pose({0.15, 0.05, 0.7}),
+                                                 .amplitude_m = {0.02, 0.02, 0.02},
+                                                 .frequency_hz = 1.3,
+                                                 .seed = 62});
+  constexpr double kStart_s = 1000;
+  const auto motion = [=](double t) { return t < kStart_s ? after(t) : before(t - kStart_s); };
+  auto events = simulated::near_events(before, 0.1, 61);
+  for (Event& event : events) event.t += static_cast<Timestamp>(1e6 * kStart_s);
+  Tracker tracker(simulated::camera, KnowingDetector{motion}, {.detections_to_confirm = 1});
+  REQUIRE(track(tracker, events).size() > 50);
+  REQUIRE((before(0.1).translation() - after(0).translation()).norm() > 0.05);
+  AccuracyMeter meter;
+  for (const PoseEstimate& pose : track(tracker, simulated::near_events(after, 0.2, 62)))
+    if (pose.t < 1000000) meter.add(pose, motion(seconds(pose.t)));
+  REQUIRE(meter.tracking() > 50);
+  CHECK(meter.first_t() < 50000);
+  CHECK(meter.translation_mm().mean < 2);
+}
+
 TEST_CASE("events off the sensor and steps back in time are counted and survived") {
   const Trajectory motion = simulated::near_motion(57);
   auto events = simulated::near_events(motion, 0.2, 57);

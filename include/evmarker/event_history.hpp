@@ -42,12 +42,6 @@ class EventHistory {
     for (std::uint64_t i = std::max(position, pushed_ - size()); i < pushed_; ++i) use(ring_[i & (ring_.size() - 1)]);
   }
 
-  /// Calls `use(event)` for every event, newest first.
-  template <typename Use>
-  void for_each_reversed(Use&& use) const {
-    for (std::size_t i = size(); i-- > 0;) use((*this)[i]);
-  }
-
  private:
   std::vector<Event> ring_;
   std::uint64_t pushed_ = 0;

@@ -26,7 +26,7 @@ class FoundMarker {
       rival_->push(event);
     const PoseEstimate* const pose = tracker_.push(event);
     if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
-      if (settle()) return &tracker_.last_pose();
+      if (settle()) return &tracker_.tell();
     return pose;
   }
 

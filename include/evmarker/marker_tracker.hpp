@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -99,8 +100,8 @@ class MarkerTracker {
       return &lose();
     }
     if (!updated) return nullptr;
-    if (!follower_.in_front() || (coverage_.due() && out_of_sight())) return &lose();
-    return &describe();
+    if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
+    return &tell();
   }
 
   /// The present estimate: of the last update, or the start.
@@ -110,8 +111,11 @@ class MarkerTracker {
     return pose;
   }
 
-  /// The last pose that `push` gave.
-  const PoseEstimate& last_pose() const noexcept { return pose_; }
+  /// The same, valid until the next push.
+  const PoseEstimate& tell() noexcept {
+    describe(pose_);
+    return pose_;
+  }
 
   /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its information shrinks
   /// with its age.
@@ -120,12 +124,15 @@ class MarkerTracker {
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
   const PoseEstimate& lose() noexcept {
     pose_.quality.state = TrackingState::lost;
-    return describe();
+    return tell();
   }
 
   /// How badly the edges explained the events while the tracker converged: root mean square distance of all events on
   /// or near the wireframe, the unmatched ones at the matching limit [px]. Tells which of two starts was the right one.
-  double misfit_px() const noexcept { return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : 0; }
+  /// Infinite before the first update.
+  double misfit_px() const noexcept {
+    return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : std::numeric_limits<double>::infinity();
+  }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
   Eigen::AlignedBox2d reach() const noexcept {
@@ -140,11 +147,6 @@ class MarkerTracker {
 
  private:
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
-  const PoseEstimate& describe() noexcept {
-    describe(pose_);
-    return pose_;
-  }
-
   void describe(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;
@@ -186,8 +188,8 @@ class MarkerTracker {
     coverage_.restart();
   }
 
-  bool out_of_sight() noexcept {
-    if (out_of_image()) return true;
+  bool hidden() noexcept {
+    if (!coverage_.due()) return false;
     const auto silent_share = coverage_.silent_share(model(), T_camera_marker());
     return silent_share && *silent_share > settings_.max_silent_share && pose_.quality.state == TrackingState::tracking;
   }

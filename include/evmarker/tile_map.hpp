@@ -79,7 +79,7 @@ class TileMap {
 
   std::size_t columns_;
   double margin_;                           // [tangent]
-  std::vector<Eigen::AlignedBox2d> tiles_;  // lines of sight of their pixels; empty boxes intersect nothing
+  std::vector<Eigen::AlignedBox2d> tiles_;  // lines of sight of their pixels
   std::vector<Eigen::AlignedBox2d> rows_;   // the same of whole rows of tiles
   std::vector<std::uint64_t> markers_;      // of every tile, a bit each
   std::vector<Eigen::AlignedBox2d> areas_;  // of every marker

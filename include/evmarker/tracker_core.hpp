@@ -228,8 +228,9 @@ class TrackerCore {
       unconfirmed_.push_back({std::move(marker)});
   }
 
-  // Whether the id is being tracked where it was found. A tracker that has had no update while its marker is seen
-  // elsewhere has lost it: nothing moved where it waits. One that was never confirmed has followed something else.
+  // Whether the id is being tracked where it was found. A tracker that has had no event while its marker is seen
+  // elsewhere has lost it: nothing moved where it waits; nor has one whose events are of a time to come, before the
+  // camera was started anew. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
     const auto unconfirmed = std::ranges::find(unconfirmed_, detection.id, [](const auto& u) { return u.marker.id(); });
     if (unconfirmed != unconfirmed_.end()) {
@@ -240,8 +241,10 @@ class TrackerCore {
     const auto marker = std::ranges::find(markers_, detection.id, &FoundMarker<Rule>::id);
     if (marker == markers_.end()) return false;
     const Timestamp seen = marker->tracker().estimate().t;
-    const bool silent = seen < detection.t && elapsed_us(seen, detection.t) >
-                                                  static_cast<std::uint64_t>(settings_.detection_interval.count());
+    constexpr std::uint64_t kRestart_us = 1000000;
+    const bool silent = seen < detection.t ? elapsed_us(seen, detection.t) >
+                                                 static_cast<std::uint64_t>(settings_.detection_interval.count())
+                                           : elapsed_us(detection.t, seen) > kRestart_us;
     if (!silent || same_place(detection, marker->tracker().T_camera_marker())) return true;
     deliver(marker->tracker().lose());
     markers_.erase(marker);
@@ -266,7 +269,7 @@ class TrackerCore {
   bool awaited_ = false;  // the answer to a look
   Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
-  int passed_ = 0;  // events through the filter since the last look
+  std::int64_t passed_ = 0;  // events through the filter since the last look
   TrackerStatistics statistics_;
 };
 

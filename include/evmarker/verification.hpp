@@ -21,7 +21,7 @@ struct VerificationSettings {
   double max_translation_px = 5;      ///< epsilon_T
   double max_rotation_rad = 0.15;     ///< epsilon_R
   std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
-  std::size_t max_events = 1u << 15;  ///< a window that fills this ring is verified early
+  std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
 };
 
 /// How far the backtracked pose is from the pose that the forward tracker had at the same time.
@@ -69,11 +69,13 @@ class Verification {
   /// over a window: the error between the pose at its start and the pose that the way back led to.
   std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
                                      const UndistortionTable& lines) noexcept {
+    if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
     window_.push(event);
     updates_ += updated;
     auto error = step_back(kStepsBack, lines);
     const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events && steps_left_ == 0;
-    if (!updated || (!complete && !window_.full())) return error;
+    const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
+    if (!updated || (!complete && !crowded)) return error;
     if (!error) error = step_back(steps_left_, lines);
     turn_back(forward);
     start(forward);

@@ -237,7 +237,9 @@ class Pipeline {
   // Before an event: the poses know of nothing later.
   void deliver_ticks(Timestamp now) {
     if (!settings_.on_tick) return;
-    while (const auto t = clock_.due(now)) {
+    while (!stopping_) {
+      const auto t = clock_.due(now);
+      if (!t) return;
       ticks_.clear();
       for (const auto& marker : core_->markers())
         ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t) : marker.estimate());
@@ -247,7 +249,9 @@ class Pipeline {
   }
 
   void deliver_triggers(std::uint64_t block_number) {
-    while (const auto trigger = intake_.take_trigger(block_number)) {
+    while (!stopping_) {
+      const auto trigger = intake_.take_trigger(block_number);
+      if (!trigger) return;
       ++delivered_.triggers;
       call(settings_.on_trigger, *trigger);
     }

@@ -28,7 +28,10 @@ class TickClock {
   /// Of every block of events before it is tracked.
   void begin(const EventBlock& block) noexcept {
     const Timestamp first = block.events[0].t, last = block.events[block.size - 1].t;
-    if (!started_ || (first < last_t_ && elapsed_us(first, last_t_) > kDisorder_us)) start(first);
+    const bool back = first < last_t_ && elapsed_us(first, last_t_) > kDisorder_us;
+    // After a garbled time, or a step back within a block.
+    const bool lost = first < next_ && elapsed_us(first, next_) > gap_us_ + static_cast<std::uint64_t>(interval_us_);
+    if (!started_ || back || lost) start(first);
     last_t_ = last;
     last_pushed_ = block.pushed;
   }

@@ -133,14 +133,16 @@ inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1, std::chrono
     shades[0][age] = shade(color::kOff);
     shades[1][age] = shade(color::kOn);
   }
-  const auto newest = static_cast<std::uint32_t>(frame.t());  // ages are right for 71 minutes, as its times are
+  const auto newest = static_cast<std::uint32_t>(frame.t());  // ages are right for 35 minutes
   const auto lifetime = static_cast<std::uint64_t>(std::max<std::int64_t>(fade.count(), 0));
   auto pixel = frame.pixels().begin();
   auto time = frame.times().begin();
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x, ++pixel, ++time) {
       if (*pixel == PolarityFrame::kUntouched) continue;
-      const std::uint64_t age = lifetime == 0 ? 0 : std::uint64_t{newest - *time} * kShades / lifetime;
+      const auto later = static_cast<std::int32_t>(newest - *time);  // negative where recordings step back
+      const auto age_us = static_cast<std::uint64_t>(std::max(later, 0));
+      const std::uint64_t age = lifetime == 0 ? 0 : age_us * kShades / lifetime;
       if (age < kShades) picture.at<cv::Vec3b>(y, x) = shades[*pixel == PolarityFrame::kOn ? 1 : 0][age];
     }
   cv::resize(picture, enlarged, enlarged.size(), 0, 0, cv::INTER_NEAREST);
