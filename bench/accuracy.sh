@@ -3,13 +3,9 @@
 # --quick takes two minutes.
 #   bash bench/accuracy.sh [OUTPUT_DIRECTORY [OPTION...]]     options are those of evmarker_accuracy
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+source "$(dirname "${BASH_SOURCE[0]}")/build_program.sh" evmarker_accuracy
 output=${1:-$root/build/accuracy}
 shift || true
-command -v gnuplot > /dev/null || { echo "accuracy.sh: gnuplot is missing (apt-get install gnuplot-nox)" >&2; exit 1; }
-cmake -S "$root" -B "$root/build/bench-programs" -G Ninja -D CMAKE_BUILD_TYPE=Release -D EVMARKER_BUILD_TESTS=OFF \
-  -D EVMARKER_BUILD_EXAMPLES=OFF > /dev/null
-cmake --build "$root/build/bench-programs" --target evmarker_accuracy
-"$root/build/bench-programs/bench/evmarker_accuracy" --out "$output" "$@"
+"$program" --out "$output" "$@"
 gnuplot -e "directory='$output'" "$root/bench/accuracy.gnuplot"
 echo "$output/accuracy.md, $output/accuracy.png"
