@@ -2,7 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 #include "evmarker/accuracy.hpp"
@@ -215,6 +217,38 @@ TEST_CASE("a marker that leaves the image is lost") {
     }
   REQUIRE(poses > 50);
   CHECK(lost);
+}
+
+TEST_CASE("missing events are bridged as long as the motion tells where the edges are, and then the marker is lost") {
+  const Trajectory motion = simulated::near_motion(45);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.5, 45));
+  const auto goes_on_right = [&](auto tracker, Timestamp from, Timestamp missing, double max_mm = 5) {
+    bool skipped = false;
+    AccuracyMeter after;
+    for (const Event& event : events) {
+      if (event.t >= from && event.t < from + missing) continue;
+      if (event.t >= from && !std::exchange(skipped, true)) {
+        REQUIRE(tracker.state() == TrackingState::tracking);
+        const PoseEstimate* const lost = tracker.skip(std::chrono::microseconds(missing));
+        CHECK((lost != nullptr) == (tracker.state() == TrackingState::lost));
+        if (lost != nullptr) return false;
+      }
+      const PoseEstimate* const pose = tracker.push(event);
+      if (pose && skipped) after.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
+    }
+    CHECK(after.tracking() > 100);
+    CHECK(after.lost() == 0);
+    CHECK(after.translation_mm().max < max_mm);
+    return true;
+  };
+  for (const Timestamp from : {100000, 170000, 240000, 310000, 380000}) {
+    CAPTURE(from);
+    for (const Timestamp missing : {500, 3000}) CHECK(goes_on_right(code_tracker(motion(0)), from, missing));
+    for (const Timestamp missing : {6000, 9000, 12000, 20000}) goes_on_right(code_tracker(motion(0)), from, missing);
+    for (const Timestamp missing : {40000, 80000}) CHECK(!goes_on_right(code_tracker(motion(0)), from, missing));
+    CHECK(goes_on_right(code_tracker<DecoupledUpdate>(motion(0)), from, 500, 15));
+    CHECK(!goes_on_right(code_tracker<DecoupledUpdate>(motion(0)), from, 3000));
+  }
 }
 
 TEST_CASE("what cannot work is refused by name") {

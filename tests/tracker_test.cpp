@@ -3,8 +3,11 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <limits>
 #include <map>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "evmarker/accuracy.hpp"
@@ -13,6 +16,7 @@
 
 using namespace evmarker;
 using simulated::KnowingDetector;
+using namespace std::chrono_literals;
 
 namespace {
 
@@ -156,6 +160,31 @@ TEST_CASE("a marker that was moved while the camera was restarted is found where
   REQUIRE(meter.tracking() > 50);
   CHECK(meter.first_t() < 50000);
   CHECK(meter.translation_mm().mean < 2);
+}
+
+TEST_CASE("after missing events, what was found before them is not followed") {
+  const Trajectory motion = simulated::near_motion(57);
+  const auto events = simulated::near_events(motion, 0.15, 57);
+  constexpr Timestamp kFrom = 60000;
+  for (const Timestamp missing : {500, 30000}) {
+    CAPTURE(missing);
+    TrackerSettings<> settings{.detection_latency = 15ms, .detections_to_confirm = 1};
+    TrackerCore<> core(simulated::camera, settings, SpatiotemporalFilter(simulated::camera.sensor_size()));
+    const KnowingDetector detector{motion};
+    std::optional<Findings> findings;  // of the first look, 5 ms before events are missing
+    bool skipped = false;
+    for (const Event& event : events) {
+      if (event.t >= kFrom && event.t < kFrom + missing) continue;
+      if (event.t >= kFrom && !std::exchange(skipped, true)) core.skip_to(event.t);
+      if (!core.push(event)) continue;
+      if (!findings && event.t > kFrom - 5000) findings = answer(detector, core.polarity_frame(), core.look(event.t));
+      if (findings && core.answer_awaited() && core.answer_due(event.t)) core.take(*findings);
+    }
+    REQUIRE(findings);
+    REQUIRE(findings->found.size() == 1);
+    CHECK(!core.answer_awaited());
+    CHECK(core.statistics().registered == (missing < 1000 ? 1 : 0));
+  }
 }
 
 TEST_CASE("events off the sensor and steps back in time are counted and survived") {

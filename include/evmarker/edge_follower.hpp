@@ -87,6 +87,12 @@ class EdgeFollower {
     start_collecting();
   }
 
+  /// Moves the pose on to a later time without events, by a rule that knows how it moves.
+  void extrapolate(Timestamp t) noexcept requires MotionEstimatingRule<Rule> {
+    rule_.extrapolate(T_camera_marker_, t);
+    start_from(T_camera_marker_);
+  }
+
   /// Prepares to be fed the past, newest event first, with times that go on forward.
   void reverse() noexcept {
     rule_.reverse();

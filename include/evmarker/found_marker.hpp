@@ -1,5 +1,6 @@
 #pragma once
 // Floor 7. A marker from its detection on: followed from both poses that a plane allows, until the events decide.
+#include <chrono>
 #include <optional>
 #include <utility>
 
@@ -28,6 +29,12 @@ class FoundMarker {
     if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
       if (settle()) return &tracker_.tell();
     return pose;
+  }
+
+  /// See MarkerTracker::skip.
+  const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
+    if (rival_) rival_->skip(missing);
+    return tracker_.skip(missing);
   }
 
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }

@@ -96,8 +96,10 @@ class KalmanUpdate {
     return true;
   }
 
-  /// Moves the pose on to a later time with the present velocity; its information shrinks.
+  /// Moves the pose on to a later time with the present velocity; its information shrinks. Events that have not led to
+  /// an update yet are forgotten.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    forget_events();
     const double dt = seconds_since_update(t);
     t_ = t;
     started_ = true;

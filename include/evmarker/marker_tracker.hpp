@@ -2,6 +2,7 @@
 // Floor 6. One marker, from a known pose on: follow it, verify it, say when it is lost.
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -39,6 +40,8 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
  public:
   using Settings = MarkerTrackerSettings<Rule>;
+  /// Events may be missing for so long without harm: edges at 2000 px/s move by the matching distance.
+  static constexpr std::chrono::milliseconds kBriefly{1};
 
   /// @param camera anything that an UndistortionTable can be made of, or a table to share
   /// @param T_camera_marker first pose [m]
@@ -102,6 +105,24 @@ class MarkerTracker {
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
     return &tell();
+  }
+
+  /// The events of a time are missing, dropped by a queue or a camera that overflowed. A rule that knows the marker's
+  /// motion bridges it as long as it knows where the edges are to within the matching distance; any other one does for
+  /// a millisecond.
+  /// @return null, or the last pose if the marker is lost
+  const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
+    if (pose_.quality.state == TrackingState::lost || missing <= kBriefly) return nullptr;
+    if constexpr (MotionEstimatingRule<Rule>) {
+      const Timestamp t = t_ + missing.count();
+      if (!capturing_ && edge_sigma_px(pose_at(t)) < settings_.matching.max_distance_px) {
+        follower_.extrapolate(t);
+        verification_.start_window(follower_);
+        t_ = t;
+        return nullptr;
+      }
+    }
+    return &lose();
   }
 
   /// The present estimate: of the last update, or the start.
@@ -206,6 +227,24 @@ class MarkerTracker {
     const Eigen::Vector3d centre = follower_.T_camera_marker() * centre_;
     const Eigen::Vector2d low = centre.z() * lines_.low(), high = centre.z() * lines_.high();
     return centre.x() < low.x() || centre.y() < low.y() || centre.x() > high.x() || centre.y() > high.y();
+  }
+
+  // How uncertain the model's point is that is known worst in the image: root of the sum of both variances.
+  double edge_sigma_px(const PoseEstimate& pose) const noexcept {
+    const auto P = covariance(pose);
+    if (!P) return std::numeric_limits<double>::infinity();
+    double worst2 = 0;
+    for (const Eigen::Vector3d& vertex : model().vertices) {
+      const Eigen::Vector3d lever = pose.T_camera_marker.linear() * vertex;
+      const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
+      Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
+      dX << Eigen::Matrix3d::Identity(), -skew(lever);
+      Eigen::Matrix<double, 2, 3> dm;  // by X
+      dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
+      const Eigen::Matrix<double, 2, 6> J = lines_.focal_length() / X.z() * dm * dX;
+      worst2 = std::max(worst2, (J * *P * J.transpose()).trace());
+    }
+    return std::sqrt(worst2);
   }
 
   static Eigen::Vector3d centre_of(const MarkerModel& model) noexcept {

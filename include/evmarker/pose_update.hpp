@@ -30,7 +30,7 @@ concept PoseUpdateRule = std::copyable<R> &&
 template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
     requires(R& rule, const R& constant, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
-  /// Moves the pose on to a later time without events.
+  /// Moves the pose on to a later time without events; forgets what was collected.
   { rule.extrapolate(T_camera_marker, t) }
   noexcept;
   { constant.information() } -> std::same_as<Matrix6d>;

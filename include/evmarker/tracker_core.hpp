@@ -76,6 +76,21 @@ class TrackerCore {
     return true;
   }
 
+  /// Goes on at a later time, the events until then missing: `poses()` are those of the markers that this loses. What
+  /// is found in a look before it is not followed.
+  void skip_to(Timestamp t) {
+    poses_.clear();
+    if (!(t > last_t_)) return;
+    const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
+    if (missing <= MarkerTracker<Rule>::kBriefly) return;
+    followable_since_ = history_.pushed();
+    for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.skip(missing);
+    for (FoundMarker<Rule>& marker : markers_)
+      if (const PoseEstimate* const lost = marker.skip(missing)) deliver(*lost);
+    drop_lost();
+    place_markers();
+  }
+
   /// The poses since the last event was pushed, valid until the next one is.
   std::span<const PoseEstimate> poses() const noexcept { return poses_; }
   void clear_poses() noexcept { poses_.clear(); }
@@ -119,7 +134,7 @@ class TrackerCore {
     });
     confirm(findings);
     for (const Findings::Found& found : findings.found) {
-      if (tracked(found.detection)) continue;
+      if (tracked(found.detection) || findings.position < followable_since_) continue;
       if (markers_.size() + unconfirmed_.size() == settings_.max_markers) break;
       start(found, findings.position);
     }
@@ -137,6 +152,8 @@ class TrackerCore {
   }
 
  private:
+  static constexpr std::uint64_t kForEver = 1000000000;  // [us]
+
   // Tracked since it was found; its poses are kept back until more looks have shown its code where the tracker has it.
   struct Unconfirmed {
     FoundMarker<Rule> marker;
@@ -269,7 +286,8 @@ class TrackerCore {
   bool awaited_ = false;  // the answer to a look
   Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
-  std::int64_t passed_ = 0;  // events through the filter since the last look
+  std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
+  std::int64_t passed_ = 0;             // events through the filter since the last look
   TrackerStatistics statistics_;
 };
 

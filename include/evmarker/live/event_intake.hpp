@@ -36,7 +36,8 @@ enum class OverloadPolicy {
 struct EventBlock {
   static constexpr std::size_t kCapacity = 256;
   Clock::time_point pushed;
-  std::uint64_t number = 0;  // of all since the start
+  std::uint64_t number = 0;      // of all since the start
+  bool follows_dropped = false;  // some that would have come before it were not taken in
   std::size_t size = 0;
   std::array<Event, kCapacity> events;
 
@@ -82,6 +83,7 @@ class EventIntake {
       events = fill(*block, events);
       if (block->size > 0) {
         block->number = ++last_block_;
+        block->follows_dropped = std::exchange(dropping_, false);
         full_.try_enqueue(block);  // has room for all blocks that there are
       } else {
         spare_ = block;
@@ -126,7 +128,7 @@ class EventIntake {
     const std::lock_guard lock(push_mutex_);
     pushed_ = dropped_ = refused_ = time_steps_back_ = time_gaps_ = triggers_pushed_ = triggers_dropped_ = 0;
     last_block_ = 0;
-    any_ = false;
+    dropping_ = any_ = false;
     open_ = true;
   }
 
@@ -211,6 +213,7 @@ class EventIntake {
     const std::size_t count = std::min(events.size(), EventBlock::kCapacity);
     for (const E& event : events.first(count)) note_time(EventTraits<E>::t(event));
     count_dropped(count);
+    dropping_ = true;
     return events.subspan(count);
   }
 
@@ -232,7 +235,8 @@ class EventIntake {
   std::mutex push_mutex_, take_mutex_;
   EventBlock* spare_ = nullptr;
   std::uint64_t last_block_ = 0;
-  double thinning_ = 0;  // shares of events that are owed to the queue
+  bool dropping_ = false;  // all events since the last block
+  double thinning_ = 0;    // shares of events that are owed to the queue
   bool any_ = false;
   std::atomic<bool> open_{false};
   // An event is counted as pushed before it is anything else. Those refused while closed are pushed and dropped at

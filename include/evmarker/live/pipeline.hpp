@@ -166,6 +166,8 @@ class Pipeline {
       if (!settings_.wait_for_detector) take_answer_between_events();
       if (block != nullptr) {
         deliver_triggers(block->number);
+        // The numbers that are missing were dropped out of the queue.
+        if (block->follows_dropped || block->number != last_block_ + 1) skip_to(block->events.front().t);
         track(*block);
         last_block_ = block->number;
         intake_.give_back(block);
@@ -191,6 +193,11 @@ class Pipeline {
       }
       deliver(block.pushed);
     }
+  }
+
+  void skip_to(Timestamp t) {
+    core_->skip_to(t);
+    deliver(std::nullopt);
   }
 
   static std::size_t taken_of(const EventBlock& block, const Event& next) noexcept {
