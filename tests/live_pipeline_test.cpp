@@ -153,7 +153,7 @@ TEST_CASE("detection takes its time on its own thread, and no event is lost in i
                                             ++looks;
                                             std::this_thread::sleep_for(3ms);
                                           }},
-                          kNoPoses, {.overload = OverloadPolicy::block});
+                          kNoPoses, {.overload = OverloadPolicy::block, .detect_when_idle = false});
   push(pipeline, events(), 200);
   pipeline.flush();
   // The look that found the marker may have come back after the last event: more events, until it is confirmed.
@@ -188,7 +188,7 @@ TEST_CASE("overload: each policy does what it says, drops are counted to the eve
                               ++slow_poses;
                               std::this_thread::sleep_for(1ms);
                             },
-                            {.overload = policy, .queue_events = 4096});
+                            {.overload = policy, .queue_events = 4096, .detect_when_idle = false});
     const auto push_calmly = [&](const std::vector<Event>& events) {
       for (std::size_t i = 0; i < events.size(); i += 500) {
         pipeline.push(events.data() + i, events.data() + std::min(i + 500, events.size()));
@@ -285,7 +285,7 @@ TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from t
 TEST_CASE("without events, poses go on at the fixed rate by the wall clock, ever less certain") {
   std::mutex mutex;
   std::vector<PoseEstimate> ticks;
-  Settings settings{.overload = OverloadPolicy::block};
+  Settings settings{.overload = OverloadPolicy::block, .detect_when_idle = false};
   settings.tick_interval = 2ms;
   settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
     const std::lock_guard lock(mutex);
@@ -415,7 +415,7 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
     CAPTURE(history);
     std::atomic<Timestamp> first_look = 0;
     std::atomic<bool> released = false;
-    Settings settings{.overload = OverloadPolicy::block};
+    Settings settings{.overload = OverloadPolicy::block, .detect_when_idle = false};
     settings.tracker.history_events = history;
     live::Pipeline pipeline(simulated::camera, PatientDetector{.first_look = &first_look, .released = &released},
                             kNoPoses, settings, AcceptAll{});
@@ -468,7 +468,7 @@ TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to t
                               const double off_m = (pose.T_camera_marker.translation() - truth.translation()).norm();
                               ++(off_m < 0.005 ? near : off);
                             },
-                            {.overload = policy, .queue_events = kQueue});
+                            {.overload = policy, .queue_events = kQueue, .detect_when_idle = false});
     std::uint64_t most_waiting = 0;
     const auto push_part = [&](std::span<const Event> some, std::size_t piece, bool in_step) {
       for (; !some.empty(); some = some.subspan(std::min(piece, some.size()))) {

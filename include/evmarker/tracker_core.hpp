@@ -97,7 +97,7 @@ class TrackerCore {
 
   /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
   bool look_due(Timestamp t) const noexcept {
-    const bool searching = markers_.empty() || !unconfirmed_.empty();
+    const bool searching = markers_.empty() || !unconfirmed_.empty() || !missing_.empty();
     return passed_ >= settings_.min_events_per_detection && !awaited_ &&
            time_for(t, searching ? settings_.search_interval : settings_.detection_interval);
   }

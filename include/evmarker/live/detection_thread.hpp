@@ -29,8 +29,13 @@ class DetectionThread {
 
   /// @param detector used by this thread alone as long as it runs
   /// @param max_events kept between looks; of more the whole frame is copied
-  DetectionThread(Detector& detector, SensorSize size, std::size_t max_events)
-      : detector_(detector), max_events_(max_events), frame_(size), job_{{}, {}, PolarityFrame(size), false, {}} {
+  /// @param when_idle see `run_this_thread_when_idle`
+  DetectionThread(Detector& detector, SensorSize size, std::size_t max_events, bool when_idle)
+      : detector_(detector),
+        max_events_(max_events),
+        when_idle_(when_idle),
+        frame_(size),
+        job_{{}, {}, PolarityFrame(size), false, {}} {
     new_events_.reserve(max_events);
     job_.events.reserve(max_events);
     thread_ = std::thread([this] { run(); });
@@ -80,7 +85,10 @@ class DetectionThread {
   };
 
   void run() {
-    lower_priority_of_this_thread();
+    if (when_idle_)
+      run_this_thread_when_idle();
+    else
+      lower_priority_of_this_thread();
     for (Job* job = nullptr;;) {
       jobs_.wait_dequeue(job);
       if (job == nullptr) return;
@@ -102,6 +110,7 @@ class DetectionThread {
 
   Detector& detector_;
   std::size_t max_events_;
+  bool when_idle_;
   PolarityFrame frame_;            // of the last look
   std::vector<Event> new_events_;  // since then
   bool too_many_ = false;

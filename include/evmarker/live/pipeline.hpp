@@ -17,33 +17,14 @@
 #include "evmarker/live/detection_thread.hpp"
 #include "evmarker/live/event_intake.hpp"
 #include "evmarker/live/latency_histogram.hpp"
+#include "evmarker/live/pipeline_settings.hpp"
 #include "evmarker/live/published_state.hpp"
 #include "evmarker/live/status.hpp"
 #include "evmarker/live/thread_priority.hpp"
 #include "evmarker/live/tick_clock.hpp"
 #include "evmarker/tracker_core.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::live {
-
-template <PoseUpdateRule Rule = KalmanUpdate>
-struct PipelineSettings {
-  TrackerSettings<Rule> tracker{};
-  OverloadPolicy overload = OverloadPolicy::drop_oldest;
-  std::size_t queue_events = 1u << 18;  ///< waiting to be tracked at most, 16 bytes each; a push takes 256 or more
-  /// Tracking waits for the detector where it is not ready `tracker.detection_latency` of camera time after its look:
-  /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
-  bool wait_for_detector = false;
-  std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
-
-  /// Called every `tick_interval` of camera time, at its multiples, with all tracked markers' poses moved on to that
-  /// time: for a controller. Their covariance grows with their age, `t - quality.updated_t`. Where no events come, the
-  /// wall clock runs camera time on, but not with `wait_for_detector`.
-  std::function<void(Timestamp t, std::span<const PoseEstimate>)> on_tick = {};
-  std::chrono::microseconds tick_interval{1000};
-  /// Called with every trigger event that was pushed, in its place among the poses.
-  std::function<void(const TriggerEvent&)> on_trigger = {};
-};
 
 /// Tracks markers in what a camera's thread pushes; a `Tracker` on two threads, one of which tracks while the other one
 /// detects. Every member may be called from any thread, but not `start`, `stop` and `flush` from a callback. All
@@ -104,7 +85,8 @@ class Pipeline {
     last_block_ = 0;
     clock_ = fresh_clock_;
     core_.emplace(fresh_);
-    detection_thread_.emplace(detector_, fresh_.polarity_frame().sensor_size(), settings_.tracker.history_events);
+    detection_thread_.emplace(detector_, fresh_.polarity_frame().sensor_size(), settings_.tracker.history_events,
+                              settings_.detect_when_idle && !settings_.wait_for_detector);
     published_.start(intake_);
     thread_ = std::thread([this] { run(); });
   }

@@ -15,7 +15,16 @@ namespace evmarker::live {
 inline void lower_priority_of_this_thread() noexcept {
 #ifdef __linux__
   constexpr int kNicer = 10;
-  setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kNicer);  // Linux has one for each thread: this one's
+  setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kNicer);  // again this thread's
+#endif
+}
+
+/// Leaves the processors to everything else that wants to run, on Linux; elsewhere it does nothing. Under it a thread
+/// that wakes up need not wait for this one at all. Threads that this one starts inherit it, and there is no way back.
+inline void run_this_thread_when_idle() noexcept {
+#ifdef __linux__
+  const sched_param parameters{};
+  sched_setscheduler(0, SCHED_IDLE, &parameters);  // Linux has a policy for each thread: this one's
 #endif
 }
 
