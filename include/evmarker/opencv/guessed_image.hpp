@@ -37,21 +37,19 @@ inline float later_us(std::uint32_t a, std::uint32_t b) {
   return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
 }
 
-// Where the edges that left a polarity are going: unit vectors toward the later events around each pixel, averaged over
-// four pixels to each side; one for every block. Averaged along an edge it is the edge's normal, near a corner the
-// motion itself. Only among pixels of that polarity: the other one was left by another edge, or by this one before it
-// turned back.
-inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, std::uint8_t polarity,
-                                            const PolarityFrame& frame) {
+// Where the edges are going that left their polarity in these pixels: unit vectors toward the later events around each
+// of them, averaged over four pixels to each side; one for every block. Averaged along an edge it is the edge's normal,
+// near a corner the motion itself. Only among pixels of one polarity: the other one was left by another edge, or by
+// this one before it turned back.
+inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& left, const PolarityFrame& frame) {
   constexpr int kWindow = 3;       // [blocks]
   constexpr float kAgreed = 0.2f;  // where the events do not agree, no direction is better than a wrong one
-  const int width = seen.cols;
-  cv::Mat_<cv::Vec3f> sum((seen.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
-  for (int y = 1; y + 1 < seen.rows; ++y)
+  const auto length_of = [](float x, float y) { return std::sqrt(x * x + y * y); };
+  const int width = left.cols;
+  const auto time = [&](int y, int x) { return frame.times()[static_cast<std::size_t>(y * width + x)]; };
+  cv::Mat_<cv::Vec3f> sum((left.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
+  for (int y = 1; y + 1 < left.rows; ++y)
     for (int x = 1; x + 1 < width; ++x) {
-      const auto index = [&](int v, int u) { return static_cast<std::size_t>(v * width + u); };
-      const auto left = [&](int v, int u) { return seen(v, u) == polarity && frame.pixels()[index(v, u)] == polarity; };
-      const auto time = [&](int v, int u) { return frame.times()[index(v, u)]; };
       if (!left(y, x)) continue;
       cv::Vec2f later(0, 0);
       for (int dy = -1; dy <= 1; ++dy)
@@ -59,13 +57,13 @@ inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& seen, 
           if (left(y + dy, x + dx))
             later +=
                 later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
-      const float length = std::hypot(later[0], later[1]);
+      const float length = length_of(later[0], later[1]);
       if (length > 0) sum(y / kBlock, x / kBlock) += cv::Vec3f(later[0] / length, later[1] / length, 1);
     }
   cv::blur(sum, sum, {kWindow, kWindow});
   cv::Mat_<cv::Vec2f> motion(sum.size(), cv::Vec2f(0, 0));
-  std::transform(sum.begin(), sum.end(), motion.begin(), [](const cv::Vec3f& s) {
-    const float length = std::hypot(s[0], s[1]);
+  std::transform(sum.begin(), sum.end(), motion.begin(), [&](const cv::Vec3f& s) {
+    const float length = length_of(s[0], s[1]);
     return length > kAgreed * s[2] ? cv::Vec2f(s[0] / length, s[1] / length) : cv::Vec2f(0, 0);
   });
   return motion;
@@ -95,8 +93,11 @@ inline cv::Mat guess_image(const PolarityFrame& frame) {
   const cv::Mat pixels(size.height, size.width, CV_8U,
                        const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
   const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
-  const cv::Mat_<cv::Vec2f> motion_on = detail::motion_of_blocks(seen, PolarityFrame::kOn, frame),
-                            motion_off = detail::motion_of_blocks(seen, PolarityFrame::kOff, frame);
+  const auto motion_of = [&](std::uint8_t polarity) {
+    const cv::Mat left = (seen == polarity) & (pixels == polarity);
+    return detail::motion_of_blocks(left, frame);
+  };
+  const cv::Mat_<cv::Vec2f> motion_on = motion_of(PolarityFrame::kOn), motion_off = motion_of(PolarityFrame::kOff);
   const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters
   cv::Mat_<float> votes(seen.size(), 0.0f);
   for (int y = 0; y < seen.rows; ++y)
