@@ -439,6 +439,19 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
   }
 }
 
+TEST_CASE("looks that may wait for a free processor are answered, too") {
+  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, {.overload = OverloadPolicy::block});
+  for (std::size_t i = 0; i < events().size(); i += 500) {
+    pipeline.push(events().data() + i, events().data() + std::min(i + 500, events().size()));
+    pipeline.flush();
+    while (pipeline.status().detection.count < pipeline.status().detections) std::this_thread::sleep_for(1ms);
+  }
+  const live::Status status = pipeline.status();
+  CHECK(status.detections >= 10);
+  CHECK(status.poses > 500);
+  CHECK(status.detector_errors == 0);
+}
+
 TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to the event, and poses resume") {
   // The marker's own 2 Mev/s, and in a tenth of a second noise at the border with each of its events.
   constexpr Timestamp kFlood = 100000, kCalm = 200000;

@@ -97,10 +97,12 @@ class TrackerCore {
 
   /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
   bool look_due(Timestamp t) const noexcept {
-    const bool searching = markers_.empty() || !unconfirmed_.empty() || !missing_.empty();
     return passed_ >= settings_.min_events_per_detection && !awaited_ &&
-           time_for(t, searching ? settings_.search_interval : settings_.detection_interval);
+           time_for(t, searching() ? settings_.search_interval : settings_.detection_interval);
   }
+
+  /// Whether a marker is looked for that should be there: none is tracked, or not confirmed, or one was just lost.
+  bool searching() const noexcept { return markers_.empty() || !unconfirmed_.empty() || !missing_.empty(); }
 
   /// What to ask the detector about the frame as it is now. From here on the answer is awaited.
   Look look(Timestamp t) {

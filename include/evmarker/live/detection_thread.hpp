@@ -1,5 +1,5 @@
 #pragma once
-// live. A detector on a thread of its own.
+// live. A detector on threads of its own.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <chrono>
@@ -16,8 +16,9 @@
 
 namespace evmarker::live {
 
-/// Looks at polarity frames while tracking goes on. Handing over a look costs the tracking thread nothing: this thread
-/// keeps a frame of its own, and gets the events since the last look. One thread uses it, one look at a time.
+/// Looks at polarity frames while tracking goes on. Handing over a look costs the tracking thread nothing: the detector
+/// has a frame of its own, and gets the events since the last look. One thread uses it, one look at a time; looks that
+/// may wait are on a thread that runs where a processor is free.
 template <MarkerDetector Detector>
 class DetectionThread {
  public:
@@ -27,18 +28,26 @@ class DetectionThread {
     Clock::duration took{};
   };
 
-  /// @param detector used by this thread alone as long as it runs
+  /// @param detector used by these threads alone as long as they run
   /// @param max_events kept between looks; of more the whole frame is copied
-  /// @param when_idle see `run_this_thread_when_idle`
+  /// @param when_idle whether any look may wait, see `run_this_thread_when_idle`
   DetectionThread(Detector& detector, SensorSize size, std::size_t max_events, bool when_idle)
       : detector_(detector),
         max_events_(max_events),
-        when_idle_(when_idle),
         frame_(size),
-        job_{{}, {}, PolarityFrame(size), false, {}} {
+        job_{{}, {}, PolarityFrame(size), false, Clock::now(), {}},
+        idle_is_served_(when_idle) {
     new_events_.reserve(max_events);
     job_.events.reserve(max_events);
-    thread_ = std::thread([this] { run(); });
+    soon_.thread = std::thread([this] {
+      lower_priority_of_this_thread();
+      work(soon_);
+    });
+    if (when_idle)
+      idle_.thread = std::thread([this] {
+        run_this_thread_when_idle();
+        work(idle_);
+      });
   }
 
   DetectionThread(const DetectionThread&) = delete;
@@ -46,8 +55,11 @@ class DetectionThread {
 
   /// Waits for the end of the look that is going on.
   ~DetectionThread() {
-    jobs_.wait_enqueue(nullptr);
-    thread_.join();
+    for (Worker* worker : {&soon_, &idle_}) {
+      if (!worker->thread.joinable()) continue;
+      worker->jobs.wait_enqueue(nullptr);
+      worker->thread.join();
+    }
   }
 
   /// An event that went into the frame.
@@ -59,20 +71,25 @@ class DetectionThread {
   }
 
   /// Starts a look at the frame of all events added. The last answer must have been taken.
-  void look(Look look, const PolarityFrame& frame) {
+  /// @param may_wait whether tracking comes first
+  void look(Look look, const PolarityFrame& frame, bool may_wait) {
     job_.look = std::move(look);
     std::swap(job_.events, new_events_);
     new_events_.clear();
     job_.whole = std::exchange(too_many_, false);
     if (job_.whole) job_.frame = frame;
-    jobs_.wait_enqueue(&job_);
+    job_.since = Clock::now();
+    (may_wait && idle_is_served_ ? idle_ : soon_).jobs.wait_enqueue(&job_);
   }
 
   /// The answer to the look, valid until the next one, or nothing in time.
   const Answer* answer(std::chrono::microseconds timeout) {
     Job* job = nullptr;
     const bool there = timeout.count() > 0 ? answers_.wait_dequeue_timed(job, timeout) : answers_.try_dequeue(job);
-    return there ? &job->answer : nullptr;
+    if (!there) return nullptr;
+    // Other programs keep all processors busy: from now on the detector takes its share.
+    if (job->answer.took > kStarved) idle_is_served_ = false;
+    return &job->answer;
   }
 
  private:
@@ -81,18 +98,21 @@ class DetectionThread {
     std::vector<Event> events;
     PolarityFrame frame;
     bool whole;  // all of `frame` counts, not the events
+    Clock::time_point since;
     Answer answer;
   };
 
-  void run() {
-    if (when_idle_)
-      run_this_thread_when_idle();
-    else
-      lower_priority_of_this_thread();
+  struct Worker {
+    moodycamel::BlockingReaderWriterCircularBuffer<Job*> jobs{2};
+    std::thread thread;
+  };
+
+  static constexpr std::chrono::milliseconds kStarved{200};
+
+  void work(Worker& worker) {
     for (Job* job = nullptr;;) {
-      jobs_.wait_dequeue(job);
+      worker.jobs.wait_dequeue(job);
       if (job == nullptr) return;
-      const auto start = Clock::now();
       job->answer.error = nullptr;
       if (job->whole)
         std::swap(frame_, job->frame);
@@ -103,20 +123,20 @@ class DetectionThread {
       } catch (...) {
         job->answer.error = std::current_exception();
       }
-      job->answer.took = Clock::now() - start;
+      job->answer.took = Clock::now() - job->since;
       answers_.wait_enqueue(job);
     }
   }
 
   Detector& detector_;
   std::size_t max_events_;
-  bool when_idle_;
   PolarityFrame frame_;            // of the last look
   std::vector<Event> new_events_;  // since then
   bool too_many_ = false;
   Job job_;  // belongs to one side at a time
-  moodycamel::BlockingReaderWriterCircularBuffer<Job*> jobs_{2}, answers_{2};
-  std::thread thread_;
+  bool idle_is_served_;
+  moodycamel::BlockingReaderWriterCircularBuffer<Job*> answers_{2};
+  Worker soon_, idle_;
 };
 
 }  // namespace evmarker::live

@@ -169,12 +169,17 @@ class Pipeline {
       deliver_ticks(event.t);
       if (core_->push(event)) {
         detection_thread_->add(event);
-        if (core_->look_due(event.t) && detection_on_)
-          detection_thread_->look(core_->look(event.t), core_->polarity_frame());
+        if (core_->look_due(event.t) && detection_on_) look(event.t);
         if (settings_.wait_for_detector && core_->answer_due(event.t)) wait_for_answer();
       }
       deliver(block.pushed);
     }
+  }
+
+  // With markers to track, and none to be found again, a look may wait.
+  void look(Timestamp t) {
+    const bool may_wait = !core_->searching();
+    detection_thread_->look(core_->look(t), core_->polarity_frame(), may_wait);
   }
 
   void skip_to(Timestamp t) {

@@ -20,9 +20,9 @@ struct PipelineSettings {
   /// Tracking waits for the detector where it is not ready `tracker.detection_latency` of camera time after its look:
   /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
-  /// The detector works where a processor is free, so that tracking never waits for it (Linux: SCHED_IDLE). Off, it has
-  /// its share even where other programs keep all processors busy. Without effect where tracking waits for the
-  /// detector.
+  /// Once all markers are tracked, the detector works where a processor is free, so that tracking never waits for it
+  /// (Linux: SCHED_IDLE). It takes its share all the same once a look has taken 0.2 s, as where other programs keep all
+  /// processors busy. Without effect where tracking waits for the detector.
   bool detect_when_idle = true;
   std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
 
