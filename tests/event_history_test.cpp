@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <deque>
 #include <random>
 #include <string>
@@ -21,7 +22,8 @@ std::vector<Timestamp> in_order(const EventHistory& history) {
 }
 std::vector<Timestamp> since(const EventHistory& history, std::uint64_t position) {
   std::vector<Timestamp> times;
-  history.for_each_since(position, [&](const Event& event) { times.push_back(event.t); });
+  for (auto i = std::max(position, history.pushed() - history.size()); i < history.pushed(); ++i)
+    times.push_back(history.at(i).t);
   return times;
 }
 using Times = std::vector<Timestamp>;

@@ -36,11 +36,8 @@ class EventHistory {
   /// Whether every event pushed since `pushed()` was `position` is still kept.
   bool reaches(std::uint64_t position) const noexcept { return position >= pushed_ - size(); }
 
-  /// Calls `use(event)` for every event pushed since `pushed()` was `position` that is still kept, in order of arrival.
-  template <typename Use>
-  void for_each_since(std::uint64_t position, Use&& use) const {
-    for (std::uint64_t i = std::max(position, pushed_ - size()); i < pushed_; ++i) use(ring_[i & (ring_.size() - 1)]);
-  }
+  /// The event that was pushed when `pushed()` was `position`, if it is still kept.
+  const Event& at(std::uint64_t position) const noexcept { return ring_[position & (ring_.size() - 1)]; }
 
  private:
   std::vector<Event> ring_;

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <ranges>
 #include <span>
 #include <stdexcept>
@@ -12,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/candidate.hpp"
 #include "evmarker/event_history.hpp"
 #include "evmarker/found_marker.hpp"
 #include "evmarker/look.hpp"
@@ -50,6 +50,7 @@ class TrackerCore {
     require(settings.max_markers > 0, "max_markers", settings.max_markers);
     settings_.marker.capture.reset();  // a detection has been fitted to the edges already
     markers_.reserve(settings.max_markers);
+    candidates_.reserve(settings.max_markers);
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers);
   }
@@ -65,7 +66,6 @@ class TrackerCore {
     ++passed_;
     frame_.update(event);
     history_.push(event);
-    for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.push(event);
     tiles_.for_each_at(event, [&](std::size_t i) {
       const PoseEstimate* const pose = markers_[i].push(event);
       if (pose == nullptr) return;
@@ -73,7 +73,20 @@ class TrackerCore {
       tiles_.move(i, markers_[i].reach());
     });
     if (!poses_.empty()) drop_lost();
+    if (!candidates_.empty()) [[unlikely]]
+      catch_up(kEventsForOne);
     return true;
+  }
+
+  /// Whether a marker that was found has not seen all events yet that came since the look.
+  bool behind() const noexcept {
+    return !std::ranges::all_of(candidates_, [&](const auto& candidate) { return candidate.caught_up(history_); });
+  }
+
+  /// Has such markers take so many of these events, for the time in which no others come. Adds to `poses()`.
+  void catch_up(int events) {
+    for (Candidate<Rule>& candidate : candidates_) candidate.catch_up(history_, events, statistics_);
+    announce_confirmed();
   }
 
   /// Goes on at a later time, the events until then missing: `poses()` are those of the markers that this loses. What
@@ -84,7 +97,10 @@ class TrackerCore {
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
     followable_since_ = history_.pushed();
-    for (Unconfirmed& unconfirmed : unconfirmed_) unconfirmed.marker.skip(missing);
+    std::erase_if(candidates_, [&](Candidate<Rule>& candidate) {
+      candidate.marker().skip(missing);
+      return !candidate.caught_up(history_);
+    });
     for (FoundMarker<Rule>& marker : markers_)
       if (const PoseEstimate* const lost = marker.skip(missing)) deliver(*lost);
     drop_lost();
@@ -102,7 +118,7 @@ class TrackerCore {
   }
 
   /// Whether a marker is looked for that should be there: none is tracked, or not confirmed, or one was just lost.
-  bool searching() const noexcept { return markers_.empty() || !unconfirmed_.empty() || !missing_.empty(); }
+  bool searching() const noexcept { return markers_.empty() || !candidates_.empty() || !missing_.empty(); }
 
   /// What to ask the detector about the frame as it is now. From here on the answer is awaited.
   Look look(Timestamp t) {
@@ -113,8 +129,9 @@ class TrackerCore {
     forget_missing(t);
     Look look{
         .t = t, .position = history_.pushed(), .focal_length = lines_.focal_length(), .unconfirmed = {}, .missing = {}};
-    for (const Unconfirmed& unconfirmed : unconfirmed_)
-      look.unconfirmed.push_back({unconfirmed.marker.id(), unconfirmed.marker.tracker().T_camera_marker()});
+    for (Candidate<Rule>& candidate : candidates_)
+      if (candidate.ask(history_))
+        look.unconfirmed.push_back({candidate.marker().id(), candidate.marker().tracker().T_camera_marker()});
     for (const Missing& missing : missing_)
       look.missing.push_back({missing.marker.id(), missing.marker.tracker().pose_at(t).T_camera_marker});
     return look;
@@ -136,10 +153,12 @@ class TrackerCore {
     });
     confirm(findings);
     for (const Findings::Found& found : findings.found) {
-      if (tracked(found.detection) || findings.position < followable_since_) continue;
-      if (markers_.size() + unconfirmed_.size() == settings_.max_markers) break;
-      start(found, findings.position);
+      if (findings.position < followable_since_ || tracked(found.detection)) continue;
+      if (markers_.size() + candidates_.size() == settings_.max_markers) break;
+      candidates_.emplace_back(FoundMarker<Rule>(lines_, found.model, found.detection, settings_.marker),
+                               findings.position, history_);
     }
+    announce_confirmed();
     drop_lost();
   }
 
@@ -156,12 +175,7 @@ class TrackerCore {
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
 
-  // Tracked since it was found; its poses are kept back until more looks have shown its code where the tracker has it.
-  struct Unconfirmed {
-    FoundMarker<Rule> marker;
-    int sightings = 1;
-    int looks = 1;
-  };
+  static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
 
   struct Missing {
     FoundMarker<Rule> marker;
@@ -210,51 +224,40 @@ class TrackerCore {
     std::erase_if(missing_, [&](const Missing& missing) { return elapsed_us(missing.since, t) > kPredictable; });
   }
 
-  // Announces the markers that were seen often enough; the others have some looks left.
+  // What the look says of the candidates that it was asked about. None of them has been announced since.
   void confirm(const Findings& findings) {
-    constexpr int kPatience = 10;  // [looks]
-    std::size_t place = 0;         // nothing joins or leaves them while an answer is awaited
-    std::erase_if(unconfirmed_, [&](Unconfirmed& unconfirmed) {
-      auto& [marker, sightings, looks] = unconfirmed;
-      const bool shown = place < findings.confirmed.size() && findings.confirmed[place];
-      ++place;
-      if (marker.lost() || ++looks > kPatience) return true;
-      sightings += shown;
-      if (sightings < settings_.detections_to_confirm) return false;
-      deliver(marker.tracker().estimate());
-      announce(std::move(marker));
+    std::size_t place = 0;
+    for (Candidate<Rule>& candidate : candidates_)
+      if (candidate.asked()) {
+        candidate.answer(place < findings.confirmed.size() && findings.confirmed[place]);
+        ++place;
+      }
+    announce_confirmed();
+    std::erase_if(candidates_, [](const auto& candidate) { return candidate.hopeless(); });
+  }
+
+  // Announces the candidates that were seen often enough and have seen all events.
+  void announce_confirmed() {
+    std::erase_if(candidates_, [&](Candidate<Rule>& candidate) {
+      FoundMarker<Rule>& marker = candidate.marker();
+      if (marker.lost() || candidate.sightings() < settings_.detections_to_confirm || !candidate.caught_up(history_))
+        return false;
+      if (marker.tracker().estimate().quality.matched > 0) deliver(marker.tracker().estimate());
+      ++statistics_.registered;
+      markers_.push_back(std::move(marker));
+      place_markers();
       return true;
     });
-  }
-
-  void announce(FoundMarker<Rule> marker) {
-    ++statistics_.registered;
-    markers_.push_back(std::move(marker));
-    place_markers();
-  }
-
-  void start(const Findings::Found& found, std::uint64_t position) {
-    FoundMarker<Rule> marker(lines_, found.model, found.detection, settings_.marker);
-    const bool confirmed = settings_.detections_to_confirm == 1;
-    statistics_.replays_cut += !history_.reaches(position);
-    history_.for_each_since(position, [&](const Event& event) {
-      ++statistics_.replayed;
-      if (const auto pose = marker.push(event); pose && confirmed) deliver(*pose);
-    });
-    if (confirmed)
-      announce(std::move(marker));
-    else
-      unconfirmed_.push_back({std::move(marker)});
   }
 
   // Whether the id is being tracked where it was found. A tracker that has had no event while its marker is seen
   // elsewhere has lost it: nothing moved where it waits; nor has one whose events are of a time to come, before the
   // camera was started anew. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
-    const auto unconfirmed = std::ranges::find(unconfirmed_, detection.id, [](const auto& u) { return u.marker.id(); });
-    if (unconfirmed != unconfirmed_.end()) {
-      if (same_place(detection, unconfirmed->marker.tracker().T_camera_marker())) return true;
-      unconfirmed_.erase(unconfirmed);
+    const auto candidate = std::ranges::find(candidates_, detection.id, [](const auto& c) { return c.marker().id(); });
+    if (candidate != candidates_.end()) {
+      if (same_place(detection, candidate->marker().tracker().T_camera_marker())) return true;
+      candidates_.erase(candidate);
       return false;
     }
     const auto marker = std::ranges::find(markers_, detection.id, &FoundMarker<Rule>::id);
@@ -282,7 +285,7 @@ class TrackerCore {
   EventHistory history_;
   TileMap tiles_;                           // of `markers_`
   std::vector<FoundMarker<Rule>> markers_;  // announced
-  std::vector<Unconfirmed> unconfirmed_;
+  std::vector<Candidate<Rule>> candidates_;
   std::vector<Missing> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
   bool awaited_ = false;  // the answer to a look

@@ -144,7 +144,7 @@ class Pipeline {
   void run() {
     shorten_turns_of_this_thread();
     while (!stopping_) {
-      EventBlock* const block = intake_.take(ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience);
+      EventBlock* const block = intake_.take(patience());
       if (!settings_.wait_for_detector) take_answer_between_events();
       if (block != nullptr) {
         deliver_triggers(block->number);
@@ -154,11 +154,26 @@ class Pipeline {
         last_block_ = block->number;
         intake_.give_back(block);
       } else {
+        catch_up();
         deliver_triggers(last_block_ + 1);
         if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()));
       }
       published_.publish(*core_, delivered_);
     }
+  }
+
+  // How long to wait for events.
+  std::chrono::microseconds patience() const {
+    if (core_->behind() && !settings_.wait_for_detector) return std::chrono::microseconds(0);
+    return ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience;
+  }
+
+  // While no events come, markers that were just found may take those that they have not seen.
+  void catch_up() {
+    if (settings_.wait_for_detector) return;
+    core_->clear_poses();
+    core_->catch_up(EventBlock::kCapacity);
+    deliver(std::nullopt);
   }
 
   void track(const EventBlock& block) {
@@ -169,17 +184,12 @@ class Pipeline {
       deliver_ticks(event.t);
       if (core_->push(event)) {
         detection_thread_->add(event);
-        if (core_->look_due(event.t) && detection_on_) look(event.t);
+        if (core_->look_due(event.t) && detection_on_)
+          detection_thread_->look(core_->look(event.t), core_->polarity_frame(), !core_->searching());
         if (settings_.wait_for_detector && core_->answer_due(event.t)) wait_for_answer();
       }
       deliver(block.pushed);
     }
-  }
-
-  // With markers to track, and none to be found again, a look may wait.
-  void look(Timestamp t) {
-    const bool may_wait = !core_->searching();
-    detection_thread_->look(core_->look(t), core_->polarity_frame(), may_wait);
   }
 
   void skip_to(Timestamp t) {
