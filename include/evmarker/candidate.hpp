@@ -1,5 +1,5 @@
 #pragma once
-// Floor 7. A marker that was found some events ago: catches up with them, and waits to be seen again.
+// Floor 8. A marker that was found some events ago: catches up with them, and waits to be seen again.
 #include <algorithm>
 #include <cstdint>
 #include <utility>

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 10. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
+// Floor 11. The whole core; recordings, OpenCV and threads are in io/, opencv/ and live/.
 #include "evmarker/accuracy.hpp"
 #include "evmarker/board.hpp"
 #include "evmarker/board_detector.hpp"

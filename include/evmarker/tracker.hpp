@@ -1,5 +1,5 @@
 #pragma once
-// Floor 9. Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
+// Floor 10. Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
 #include <concepts>
 #include <span>
 #include <utility>

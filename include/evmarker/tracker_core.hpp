@@ -1,5 +1,5 @@
 #pragma once
-// Floor 8. Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
+// Floor 9. Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
@@ -15,6 +15,7 @@
 #include "evmarker/event_history.hpp"
 #include "evmarker/found_marker.hpp"
 #include "evmarker/look.hpp"
+#include "evmarker/look_schedule.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/tile_map.hpp"
@@ -39,6 +40,7 @@ class TrackerCore {
         filter_(std::move(filter)),
         frame_(camera.sensor_size()),
         history_(settings.history_events),
+        looks_(settings),
         tiles_(lines_) {
     const auto require = [](bool good, const char* name, auto value) {
       if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
@@ -63,7 +65,7 @@ class TrackerCore {
       ++statistics_.filtered;
       return false;
     }
-    ++passed_;
+    looks_.count_event();
     frame_.update(event);
     history_.push(event);
     tiles_.for_each_at(event, [&](std::size_t i) {
@@ -112,10 +114,7 @@ class TrackerCore {
   void clear_poses() noexcept { poses_.clear(); }
 
   /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
-  bool look_due(Timestamp t) const noexcept {
-    return passed_ >= settings_.min_events_per_detection && !awaited_ &&
-           time_for(t, searching() ? settings_.search_interval : settings_.detection_interval);
-  }
+  bool look_due(Timestamp t) const noexcept { return looks_.due(t, searching()); }
 
   /// Whether a marker is looked for that should be there: none is tracked, or not confirmed, or one was just lost.
   bool searching() const noexcept { return markers_.empty() || !candidates_.empty() || !missing_.empty(); }
@@ -123,9 +122,7 @@ class TrackerCore {
   /// What to ask the detector about the frame as it is now. From here on the answer is awaited.
   Look look(Timestamp t) {
     ++statistics_.detections;
-    last_look_ = t;
-    passed_ = 0;
-    awaited_ = true;
+    looks_.begin(t);
     forget_missing(t);
     Look look{
         .t = t, .position = history_.pushed(), .focal_length = lines_.focal_length(), .unconfirmed = {}, .missing = {}};
@@ -138,15 +135,15 @@ class TrackerCore {
   }
 
   /// Whether the answer is due, `detection_latency` after the look.
-  bool answer_due(Timestamp t) const noexcept { return awaited_ && time_for(t, settings_.detection_latency); }
-  bool answer_awaited() const noexcept { return awaited_; }
+  bool answer_due(Timestamp t) const noexcept { return looks_.answer_due(t); }
+  bool answer_awaited() const noexcept { return looks_.answer_awaited(); }
   /// No answer will come to the look.
-  void give_up_look() noexcept { awaited_ = false; }
+  void give_up_look() noexcept { looks_.end(); }
 
   /// The answer to the look: announces the markers that were seen often enough, starts a tracker for every marker that
   /// is not tracked yet, with the events since the look. Adds to `poses()`.
   void take(const Findings& findings) {
-    awaited_ = false;
+    looks_.end();
     std::erase_if(missing_, [&](const Missing& missing) {
       return std::ranges::any_of(findings.found | std::views::take(findings.detected),
                                  [&](const auto& found) { return found.detection.id == missing.marker.id(); });
@@ -213,11 +210,6 @@ class TrackerCore {
     for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
   }
 
-  // So much later than the last look, or before it: a step back in time must not stop the detection.
-  bool time_for(Timestamp t, std::chrono::microseconds wait) const noexcept {
-    return t < last_look_ || elapsed_us(last_look_, t) >= static_cast<std::uint64_t>(wait.count());
-  }
-
   // A marker that was just lost is looked for where its motion must have taken it.
   void forget_missing(Timestamp t) {
     constexpr std::uint64_t kPredictable = 100000;  // [us]
@@ -244,6 +236,7 @@ class TrackerCore {
         return false;
       if (marker.tracker().estimate().quality.matched > 0) deliver(marker.tracker().estimate());
       ++statistics_.registered;
+      looks_.note_found(last_t_);
       markers_.push_back(std::move(marker));
       place_markers();
       return true;
@@ -283,16 +276,14 @@ class TrackerCore {
   Filter filter_;
   PolarityFrame frame_;
   EventHistory history_;
+  LookSchedule looks_;
   TileMap tiles_;                           // of `markers_`
   std::vector<FoundMarker<Rule>> markers_;  // announced
   std::vector<Candidate<Rule>> candidates_;
   std::vector<Missing> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
-  bool awaited_ = false;  // the answer to a look
-  Timestamp last_look_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
-  std::int64_t passed_ = 0;             // events through the filter since the last look
   TrackerStatistics statistics_;
 };
 

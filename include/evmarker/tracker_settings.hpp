@@ -12,7 +12,8 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 struct TrackerSettings {
   std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
   std::chrono::microseconds detection_interval{25000};  ///< event time from one look at the polarity frame to the next
-  /// The same while something is searched for: until there is a marker, all are confirmed, and for 0.1 s after a loss.
+  /// The same while something is searched for: until there is a marker, all are confirmed, and for 0.1 s after one was
+  /// found or lost.
   std::chrono::microseconds search_interval{5000};
   /// Event time from a look to the registration of what it found, as if the detector took so long; the events between
   /// are replayed into the new trackers.
