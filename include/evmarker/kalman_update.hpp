@@ -96,7 +96,7 @@ class KalmanUpdate {
     return true;
   }
 
-  /// Moves the pose on to a later time with the present velocity; its information shrinks. Events that have not led to
+  /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
   /// an update yet are forgotten.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
@@ -113,7 +113,8 @@ class KalmanUpdate {
     P_.vq = -P_.vq;
   }
 
-  [[gnu::noinline]] Matrix6d information() const noexcept {
+  /// Of the pose, as PoseEstimate says it.
+  [[gnu::noinline]] Matrix6d covariance() const noexcept {
     const double carried = this->carried(lead_s_);
     const Matrix6d P_vp = P_.vq.leftCols<6>();
     const Noise noise = this->noise(std::abs(lead_s_));
@@ -123,8 +124,6 @@ class KalmanUpdate {
     const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
     for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + delay_s2 * twist_(i) * twist_;
-    invert_lower(P);
-    mirror_lower(P);
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
