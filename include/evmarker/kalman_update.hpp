@@ -45,8 +45,9 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_.qq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)), squared(settings.initial_sigma_offset_px);
+    P_.pp.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad));
+    P_.oo = squared(settings.initial_sigma_offset_px);
     P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
   }
@@ -73,26 +74,27 @@ class KalmanUpdate {
     const double mean_dt = measurements_.count() > 0 ? std::min(since_s_ / measurements_.count(), dt) : dt;
     t_ = t;
     started_ = true;
-    const Vector6d moved = predict(mean_dt);
+    BlockError error{predict(mean_dt)};
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    const auto after = measurements_.correction(P_, moved, per_event);
+    BlockCovariance P = P_;
+    const bool good = measurements_.correct(P, error, per_event);
     forget_events();
 
     Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + after.dv;
+    const Vector6d twist = twist_ + error.v;
     const double lead_s = dt - mean_dt;
-    perturb(T, moved + after.dq.head<6>() + carried(lead_s) * twist);
+    perturb(T, error.p + carried(lead_s) * twist);
     // Whatever is not finite in any of the blocks has come down to these.
-    if (!after.good || !std::isfinite(after.dq.sum() + after.dv.sum() + after.P.vv.trace() + T.matrix().sum()))
+    if (!good || !std::isfinite(error.p.sum() + error.o + error.v.sum() + P.vv.trace() + T.matrix().sum()))
       return false;
 
-    P_ = after.P;
+    P_ = P;
     T_camera_marker = T;
     twist_ = twist;
     lead_s_ = lead_s;
-    offset_px_ += after.dq(6);
+    offset_px_ += error.o;
     return true;
   }
 
@@ -110,20 +112,23 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.vq = -P_.vq;
+    P_.vp = -P_.vp;
+    P_.vo = -P_.vo;
   }
 
   /// Of the pose, as PoseEstimate says it.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    const double carried = this->carried(lead_s_);
-    const Matrix6d P_vp = P_.vq.leftCols<6>();
-    const Noise noise = this->noise(std::abs(lead_s_));
-    Matrix6d P = P_.qq.topLeftCorner<6, 6>() + carried * (P_vp + P_vp.transpose() + carried * P_.vv);
-    P.diagonal() += noise.along(noise.pose);
+    Matrix6d P = P_.pp;
+    if (lead_s_ != 0) {
+      const Noise noise = this->noise(std::abs(lead_s_));
+      carry(P, P_.vp.transpose(), P_.vp + carried(lead_s_) * P_.vv, carried(lead_s_));
+      P.diagonal() += noise.along(noise.pose);
+    }
     const double speed = this->speed(rotation_speed());
     const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
-    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + delay_s2 * twist_(i) * twist_;
+    const Vector6d delayed = delay_s2 * twist_;
+    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + twist_(i) * delayed;
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
@@ -188,28 +193,37 @@ class KalmanUpdate {
   // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
   // of the pose.
   Vector6d predict(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s, carried = this->carried(dt);
+    const double dt = lead_s_ + after_pose_s;
+    if (dt == 0) return still();
+    const double carried = this->carried(dt);
     const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
     const Noise noise = this->noise(std::abs(dt));
     // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_vp = P_.vq.leftCols<6>();
-    const Matrix6d P_vp_moved = P_vp + carried * P_.vv;
-    const Vector6d P_po = P_.qq.col(6).head<6>() + carried * P_.vq.col(6);
-    P_.qq.topLeftCorner<6, 6>() += carried * (P_vp.transpose() + P_vp_moved);
-    P_.qq.col(6).head<6>() = P_po;
-    P_.qq.row(6).head<6>() = P_po.transpose();
-    P_.vq.leftCols<6>() = kept * P_vp_moved;
-    P_.vq.col(6) *= kept;
+    const Matrix6d P_vp_moved = P_.vp + carried * P_.vv;
+    carry(P_.pp, P_.vp.transpose(), P_vp_moved, carried);
+    P_.po += carried * P_.vo;
+    P_.vp = kept * P_vp_moved;
+    P_.vo *= kept;
     P_.vv *= kept * kept;
 
-    P_.qq.diagonal().head<6>() += noise.along(noise.pose);
-    P_.vq.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
+    P_.pp.diagonal() += noise.along(noise.pose);
+    P_.vp.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
     P_.vv.diagonal() += noise.along(noise.velocity);
-    P_.qq(6, 6) += squared(settings_.offset_drift_px) * std::abs(dt);
+    P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
     twist_ *= kept;
     lead_s_ = 0;
     return moved;
+  }
+
+  Vector6d still() noexcept {
+    const Vector6d moved = -carried(lead_s_) * twist_;
+    lead_s_ = 0;
+    return moved;
+  }
+
+  static void carry(Matrix6d& P_pp, const Matrix6d& P_pv, const Matrix6d& P_vp_moved, double carried) noexcept {
+    P_pp += carried * (P_pv + P_vp_moved);
   }
 
   Settings settings_;
