@@ -1,7 +1,9 @@
 #pragma once
 // Floor 2. The measurements of one Kalman update, and what they make of the state and its covariance.
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 #include "evmarker/pose.hpp"
@@ -13,17 +15,28 @@ using Vector7d = Eigen::Matrix<double, 7, 1>;
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
-/// Covariance by blocks: p is the pose, v its velocity, o the edge offset; events tell of pose and offset. All columns
-/// are of six, which is three pairs of numbers: arithmetic in pairs needs no remainder.
+using Vector12d = Eigen::Matrix<double, 12, 1>;
+
+/// Covariance by blocks: p is the pose, v its velocity, o the edge offset. Events tell of q = [p; o], and move all of
+/// x = [p; v] with it. Columns have an even length: arithmetic in pairs of numbers needs no remainder.
 struct BlockCovariance {
-  Matrix6d pp = Matrix6d::Zero(), vp = Matrix6d::Zero(), vv = Matrix6d::Zero();
-  Vector6d po = Vector6d::Zero(), vo = Vector6d::Zero();
+  Eigen::Matrix<double, 12, 7> xq = Eigen::Matrix<double, 12, 7>::Zero();
+  Matrix6d vv = Matrix6d::Zero();
   double oo = 0;
+
+  auto pp() noexcept { return xq.topLeftCorner<6, 6>(); }
+  auto pp() const noexcept { return xq.topLeftCorner<6, 6>(); }
+  auto vp() noexcept { return xq.bottomLeftCorner<6, 6>(); }
+  auto vp() const noexcept { return xq.bottomLeftCorner<6, 6>(); }
+  auto po() noexcept { return xq.col(6).head<6>(); }
+  auto po() const noexcept { return xq.col(6).head<6>(); }
+  auto vo() noexcept { return xq.col(6).tail<6>(); }
+  auto vo() const noexcept { return xq.col(6).tail<6>(); }
 };
 
-/// How far a state is from what was expected, by the same blocks.
+/// How far the state is from what was expected.
 struct BlockError {
-  Vector6d p = Vector6d::Zero(), v = Vector6d::Zero();
+  Vector12d x = Vector12d::Zero();
   double o = 0;
 };
 
@@ -77,46 +90,68 @@ class KalmanMeasurements {
     squares_.col(7).tail<2>() += b(7) * a.tail<2>();
   }
 
-  // A x by columns: each is used as it lies in memory.
-  static Vector6d product(const Matrix6d& A, const double* x) noexcept {
-    const Vector6d even = x[0] * A.col(0) + x[2] * A.col(2) + x[4] * A.col(4);
-    return even + (x[1] * A.col(1) + x[3] * A.col(3) + x[5] * A.col(5));
+  // One after the other: exact, and cheaper while they are few. One that cannot be taken is left out.
+  bool one_by_one(BlockCovariance& P, BlockError& error, double information) const noexcept {
+    int left_out = 0;
+    for (int i = 0; i < count_; ++i) left_out += !take(rows_[static_cast<std::size_t>(i)], P, error, information);
+    return count_ == 0 || left_out < count_;
   }
 
-  // One after the other: exact, and cheaper while they are few.
-  bool one_by_one(BlockCovariance& P, BlockError& error, double information) const noexcept {
-    for (int i = 0; i < count_; ++i) {
-      const auto& [row, weight] = rows_[static_cast<std::size_t>(i)];
-      const Vector6d J = row.head<6>();
-      const double s = row(6);
-      const Vector6d P_p = product(P.pp, row.data()) + s * P.po;  // P J^T
-      const Vector6d P_v = product(P.vp, row.data()) + s * P.vo;
-      const double P_o = J.dot(P.po) + s * P.oo;
-      const double variance = 1 / (information * weight) + (J.dot(P_p) + s * P_o);
-      const double innovation = row(7) - (J.dot(error.p) + s * error.o);
-      const double inverse = 1 / variance, step = inverse * innovation;
-      error.p += step * P_p;
-      error.v += step * P_v;
-      error.o += step * P_o;
-      const Vector6d gain_p = inverse * P_p, gain_v = inverse * P_v;
-      for (int k = 0; k < 6; ++k) {
-        P.pp.col(k) -= P_p(k) * gain_p;
-        P.vp.col(k) -= P_p(k) * gain_v;
-        P.vv.col(k) -= P_v(k) * gain_v;
-      }
-      P.po -= P_o * gain_p;
-      P.vo -= P_o * gain_v;
-      P.oo -= P_o * P_o * inverse;
-    }
-    return P.pp.diagonal().minCoeff() > 0 && P.oo > 0;
+  // One measurement. False changes nothing.
+  static bool take(const Row& measurement, BlockCovariance& P, BlockError& error, double information) noexcept {
+    Gain gain;
+    if (!gain.find(measurement, P, error, information)) return false;
+    gain.apply(P);
+    error.x += gain.step * gain.P_J;
+    error.o += gain.step * gain.P_o;
+    return true;
   }
+
+  // Two functions, and not inline: in one, compilers keep all of P from the first half for the second, on the stack.
+  struct Gain {
+    Vector12d P_J, loss;
+    double P_o, loss_o, step;
+
+    [[gnu::noinline]] bool find(const Row& measurement, const BlockCovariance& P, const BlockError& error,
+                                double information) noexcept {
+      const auto& [row, weight] = measurement;
+      const double s = row(6);
+      P_J = row(0) * P.xq.col(0);
+#pragma GCC unroll 8
+      for (int k = 1; k < 7; ++k) P_J += row(k) * P.xq.col(k);
+      double J_P_J = 0, expected = s * error.o;
+      P_o = s * P.oo;
+      for (int k = 0; k < 6; ++k) {
+        P_o += row(k) * P.xq(k, 6);
+        J_P_J += row(k) * P_J(k);
+        expected += row(k) * error.x(k);
+      }
+      const double variance = 1 / (information * weight) + J_P_J + s * P_o;
+      const double inverse = 1 / variance;
+      step = inverse * (row(7) - expected);
+      loss = -inverse * P_J;
+      loss_o = -inverse * P_o;
+      double least = P.oo + P_o * loss_o;
+      for (int k = 0; k < 6; ++k) least = std::min(least, P.xq(k, k) + P_J(k) * loss(k));
+      return least > 0 && variance > 0 && std::isfinite(variance + step);
+    }
+
+    [[gnu::noinline]] void apply(BlockCovariance& P) const noexcept {
+#pragma GCC unroll 8
+      for (int k = 0; k < 6; ++k) P.xq.col(k) += P_J(k) * loss;
+      P.xq.col(6) += P_o * loss;
+      P.oo += P_o * loss_o;
+#pragma GCC unroll 8
+      for (int k = 0; k < 6; ++k) P.vv.col(k) += P_J(6 + k) * loss.tail<6>();
+    }
+  };
 
   // All at once by their information H and b about [p; o].
   bool together(BlockCovariance& P, BlockError& error, double information) const noexcept {
     Matrix7d H, Q;
     for_lower<7>([&](int i, int j) { H(i, j) = H(j, i) = information * squares_(i, j); });
-    for_lower<6>([&](int i, int j) { Q(i, j) = P.pp(i, j); });
-    Q.row(6).head<6>() = P.po.transpose();
+    for_lower<6>([&](int i, int j) { Q(i, j) = P.xq(i, j); });
+    for (int j = 0; j < 6; ++j) Q(6, j) = P.xq(j, 6);
     Q(6, 6) = P.oo;
 
     // Q <- (Q^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
@@ -125,32 +160,34 @@ class KalmanMeasurements {
     good = invert_lower(Q) && good;
     mirror_lower(Q);
 
-    Eigen::Matrix<double, 6, 7> P_vq_H, P_vq;
-    P_vq << P.vp, P.vo;
-    for (int j = 0; j < 7; ++j) P_vq_H.col(j) = product(P.vp, &H(0, j)) + H(6, j) * P.vo;
+    Eigen::Matrix<double, 6, 7> P_vq_H, P_vq = P.xq.bottomRows<6>();
+    for (int j = 0; j < 7; ++j) {
+      Vector6d c = H(0, j) * P_vq.col(0);
+      for (int k = 1; k < 7; ++k) c += H(k, j) * P_vq.col(k);
+      P_vq_H.col(j) = c;
+    }
     for (int j = 0; j < 7; ++j) {
       Vector6d c = Q(0, j) * P_vq_H.col(0);
       for (int k = 1; k < 7; ++k) c += Q(k, j) * P_vq_H.col(k);
       P_vq.col(j) -= c;
     }
-    for (int k = 0; k < 7; ++k)
-      for (int j = 0; j < 6; ++j) P.vv.col(j) -= P_vq(j, k) * P_vq_H.col(k);
     Vector7d b;
     for (int j = 0; j < 7; ++j) {
       b(j) = information * squares_(7, j) - H(6, j) * error.o;
-      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * error.p(i);
+      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * error.x(i);
     }
+    if (!good || !std::isfinite(b.sum())) return false;
+
+    for (int k = 0; k < 7; ++k)
+      for (int j = 0; j < 6; ++j) P.vv.col(j) -= P_vq(j, k) * P_vq_H.col(k);
+    P.xq.topRows<6>() = Q.topRows<6>();
+    P.xq.bottomRows<6>() = P_vq;
     for (int k = 0; k < 7; ++k) {
-      error.p += b(k) * Q.col(k).head<6>();
-      error.v += b(k) * P_vq.col(k);
+      error.x += b(k) * P.xq.col(k);
       error.o += b(k) * Q(6, k);
     }
-    P.pp = Q.topLeftCorner<6, 6>();
-    P.po = Q.col(6).head<6>();
     P.oo = Q(6, 6);
-    P.vp = P_vq.leftCols<6>();
-    P.vo = P_vq.col(6);
-    return good;
+    return true;
   }
 
   std::array<Row, kFew> rows_{};  // the first ones

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -45,7 +46,7 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_.pp.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+    P_.pp().diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad));
     P_.oo = squared(settings.initial_sigma_offset_px);
     P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
@@ -57,40 +58,37 @@ class KalmanUpdate {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
-    if (!std::isfinite(residual2 * (gradient2 + turning.squaredNorm()) * lever2)) return;  // it would stay for ever
+    // What is not finite would stay for ever. |turning| is at most |lever| |gradient|.
+    if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
     const double robust2 = settings_.robust_px * settings_.robust_px;
     const double weight = robust2 / (robust2 + residual2);
     const Vector8d row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
                        residual);
     measurements_.add(row, weight);
     spread2_px_ += 0.001 * (residual2 - spread2_px_);
-    lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever2 - lever2_);
-    px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (gradient2 - px_per_m2_);
-    since_s_ += seconds_since_update(c.t);
+    scales_ += scales_share_ * (Eigen::Vector2d(lever2, gradient2) - scales_);
+    scales_share_ = 0.01;
+    since_us_ += us_since_update(c.t);
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    const double dt = seconds_since_update(t);
-    const double mean_dt = measurements_.count() > 0 ? std::min(since_s_ / measurements_.count(), dt) : dt;
-    t_ = t;
-    started_ = true;
-    BlockError error{predict(mean_dt)};
+    const double dt = 1e-6 * us_since_update(t);
+    const double mean_dt = measurements_.count() > 0 ? std::min(1e-6 * since_us_ / measurements_.count(), dt) : dt;
+    t_us_ = static_cast<double>(t);
+    BlockError error;
+    error.x.head<6>() = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    BlockCovariance P = P_;
-    const bool good = measurements_.correct(P, error, per_event);
+    const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
     Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + error.v;
+    const Vector6d twist = twist_ + error.x.tail<6>();
     const double lead_s = dt - mean_dt;
-    perturb(T, error.p + carried(lead_s) * twist);
-    // Whatever is not finite in any of the blocks has come down to these.
-    if (!good || !std::isfinite(error.p.sum() + error.o + error.v.sum() + P.vv.trace() + T.matrix().sum()))
-      return false;
+    perturb(T, error.x.head<6>() + carried(lead_s) * twist);
+    if (!good || !std::isfinite(T.matrix().sum())) return false;
 
-    P_ = P;
     T_camera_marker = T;
     twist_ = twist;
     lead_s_ = lead_s;
@@ -102,9 +100,8 @@ class KalmanUpdate {
   /// an update yet are forgotten.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
-    const double dt = seconds_since_update(t);
-    t_ = t;
-    started_ = true;
+    const double dt = 1e-6 * us_since_update(t);
+    t_us_ = static_cast<double>(t);
     perturb(T_camera_marker, predict(dt));
   }
 
@@ -112,20 +109,20 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.vp = -P_.vp;
-    P_.vo = -P_.vo;
+    P_.xq.bottomRows<6>() *= -1;
   }
 
   /// Of the pose, as PoseEstimate says it.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = P_.pp;
+    Matrix6d P = P_.pp();
     if (lead_s_ != 0) {
       const Noise noise = this->noise(std::abs(lead_s_));
-      carry(P, P_.vp.transpose(), P_.vp + carried(lead_s_) * P_.vv, carried(lead_s_));
+      const Matrix6d P_pv = P_.vp().transpose();
+      P += carried(lead_s_) * (P_pv + P_.vp() + carried(lead_s_) * P_.vv);
       P.diagonal() += noise.along(noise.pose);
     }
     const double speed = this->speed(rotation_speed());
-    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
+    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2()) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
     const Vector6d delayed = delay_s2 * twist_;
     for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + twist_(i) * delayed;
@@ -137,11 +134,12 @@ class KalmanUpdate {
 
  private:
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
   void forget_events() noexcept {
     measurements_.clear();
-    since_s_ = 0;
+    since_us_ = 0;
   }
 
   static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
@@ -149,9 +147,7 @@ class KalmanUpdate {
     T.linear() = rotated(T.linear(), step.tail<3>());
   }
 
-  double seconds_since_update(Timestamp t) const noexcept {
-    return started_ && t > t_ ? 1e-6 * (static_cast<double>(t) - static_cast<double>(t_)) : 0;
-  }
+  double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
   // 1 - exp(-x) for x >= 0: the share of the velocity that fades.
   static double faded(double x) noexcept {
@@ -166,8 +162,11 @@ class KalmanUpdate {
     return std::copysign(tau * faded(std::abs(dt) / tau), dt);
   }
 
+  double lever2() const noexcept { return scales_(0); }
+  double px_per_m2() const noexcept { return scales_(1); }
+
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
-  double rotation_speed() const noexcept { return std::sqrt(lever2_ * twist_.tail<3>().squaredNorm()); }
+  double rotation_speed() const noexcept { return std::sqrt(lever2() * twist_.tail<3>().squaredNorm()); }
   double speed(double rotation_speed) const noexcept { return twist_.head<3>().norm() + rotation_speed; }
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
 
@@ -186,7 +185,7 @@ class KalmanUpdate {
     const double q_translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
     const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed);
     const double tau = settings_.velocity_memory_s, x = dt / tau, f = faded(x);
-    return {q_translation, q_edges / std::max(lever2_, kSmallestLever2),
+    return {q_translation, q_edges / std::max(lever2(), kSmallestLever2),
             tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
   }
 
@@ -199,15 +198,18 @@ class KalmanUpdate {
     const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
     const Noise noise = this->noise(std::abs(dt));
     // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_vp_moved = P_.vp + carried * P_.vv;
-    carry(P_.pp, P_.vp.transpose(), P_vp_moved, carried);
-    P_.po += carried * P_.vo;
-    P_.vp = kept * P_vp_moved;
-    P_.vo *= kept;
-    P_.vv *= kept * kept;
+    const Matrix6d P_pv = P_.vp().transpose();
+    for (int k = 0; k < 6; ++k) {
+      const Vector6d P_vp_moved = P_.vp().col(k) + carried * P_.vv.col(k);
+      P_.pp().col(k) += carried * (P_pv.col(k) + P_vp_moved);
+      P_.vp().col(k) = kept * P_vp_moved;
+      P_.vv.col(k) *= kept * kept;
+    }
+    P_.po() += carried * P_.vo();
+    P_.vo() *= kept;
 
-    P_.pp.diagonal() += noise.along(noise.pose);
-    P_.vp.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
+    P_.pp().diagonal() += noise.along(noise.pose);
+    P_.vp().diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
     P_.vv.diagonal() += noise.along(noise.velocity);
     P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
@@ -222,22 +224,17 @@ class KalmanUpdate {
     return moved;
   }
 
-  static void carry(Matrix6d& P_pp, const Matrix6d& P_pv, const Matrix6d& P_vp_moved, double carried) noexcept {
-    P_pp += carried * (P_pv + P_vp_moved);
-  }
-
   Settings settings_;
   BlockCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
-  double lever2_ = 0;                // running mean of |E - T|^2 [m^2], 0 before the first event
-  double px_per_m2_ = 0;             // running mean of |gradient|^2 [px^2/m^2]
-  double since_s_ = 0;               // sum of the events' times since the last update [s]
-  double lead_s_ = 0;  // the filter's state is as old as the mean of its last events; the pose is so much newer
-  Timestamp t_ = 0;    // of the pose
-  bool started_ = false;
+  Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
+  double scales_share_ = 1;          // of the next event in them
+  double since_us_ = 0;              // sum of the events' times since the last update [us]
+  double lead_s_ = 0;         // the filter's state is as old as the mean of its last events; the pose is so much newer
+  double t_us_ = kInfinity;   // time of the pose, exact to 2^53 us; before the first, no time passes
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate>);
