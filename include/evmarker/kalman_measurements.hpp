@@ -46,19 +46,14 @@ class KalmanMeasurements {
   /// @param row [J; d]
   /// @param weight inverse variance, up to the factor that `correct` is given
   void add(const Vector8d& row, double weight) noexcept {
-    if (count_ < kFew) {
-      rows_[static_cast<std::size_t>(count_)] = {row, weight};
-    } else {
-      if (count_ == kFew)
-        for (const Row& first : rows_) sum_of_squares(first.weight * first.row, first.row);
-      sum_of_squares(weight * row, row);
-    }
+    if (waiting_ == kWaiting) add_squares();
+    rows_[static_cast<std::size_t>(waiting_++)] = {row, weight};
     ++count_;
   }
 
   void clear() noexcept {
     if (count_ > kFew) squares_.setZero();
-    count_ = 0;
+    count_ = waiting_ = 0;
   }
 
   int count() const noexcept { return count_; }
@@ -66,28 +61,45 @@ class KalmanMeasurements {
   /// Turns a prior covariance and the expected error of its mean into the posterior's. False if the covariance was not
   /// positive definite or a number was not finite: then both are of no use.
   /// @param information of a measurement of weight 1
-  bool correct(BlockCovariance& P, BlockError& error, double information) const noexcept {
-    return count_ <= kFew ? one_by_one(P, error, information) : together(P, error, information);
+  bool correct(BlockCovariance& P, BlockError& error, double information) noexcept {
+    if (count_ <= kFew) return one_by_one(P, error, information);
+    add_squares();
+    return together(P, error, information);
   }
 
  private:
-  static constexpr int kFew = 10;  // measured: of more, all at once is faster
+  static constexpr int kFew = 10;      // measured: of more, all at once is faster
+  static constexpr int kWaiting = 32;  // of so many, what is done once for all does not matter
 
   struct Row {
     Vector8d row;
     double weight;
   };
 
-  // squares_ += a b^T in the lower triangle, by two columns.
-  void sum_of_squares(const Vector8d& a, const Vector8d& b) noexcept {
-    squares_.col(0) += b(0) * a;
-    squares_.col(1) += b(1) * a;
-    squares_.col(2).tail<6>() += b(2) * a.tail<6>();
-    squares_.col(3).tail<6>() += b(3) * a.tail<6>();
-    squares_.col(4).tail<4>() += b(4) * a.tail<4>();
-    squares_.col(5).tail<4>() += b(5) * a.tail<4>();
-    squares_.col(6).tail<2>() += b(6) * a.tail<2>();
-    squares_.col(7).tail<2>() += b(7) * a.tail<2>();
+  // Adds w [J; d] [J; d]^T of the rows that wait: by two columns, and so many at a time that sums stay in registers.
+  void add_squares() noexcept {
+    add_columns<0, 2>();
+    add_columns<2, 8>();
+    waiting_ = 0;
+  }
+
+  template <int From, int To>
+  void add_columns() noexcept {
+    Eigen::Matrix<double, 8, To - From> sums = Eigen::Matrix<double, 8, To - From>::Zero();
+    for (int i = 0; i < waiting_; ++i) {
+      const auto& [row, weight] = rows_[static_cast<std::size_t>(i)];
+      const Vector8d weighted = weight * row;
+      add_column<From, From, To>(sums, weighted, row);
+    }
+    for (int j = From; j < To; ++j) squares_.col(j) += sums.col(j - From);
+  }
+
+  template <int J, int From, int To>
+  static void add_column(Eigen::Matrix<double, 8, To - From>& sums, const Vector8d& weighted,
+                         const Vector8d& row) noexcept {
+    constexpr int kRows = 8 - J / 2 * 2;
+    sums.col(J - From).template tail<kRows>() += row(J) * weighted.template tail<kRows>();
+    if constexpr (J + 1 < To) add_column<J + 1, From, To>(sums, weighted, row);
   }
 
   // One after the other: exact, and cheaper while they are few. One that cannot be taken is left out.
@@ -190,10 +202,10 @@ class KalmanMeasurements {
     return true;
   }
 
-  std::array<Row, kFew> rows_{};  // the first ones
+  std::array<Row, kWaiting> rows_{};  // that are not in the sums yet
   Eigen::Matrix<double, 8, 8> squares_ =
       Eigen::Matrix<double, 8, 8>::Zero();  // lower triangle: sum of w [J; d] [J; d]^T, of more than a few
-  int count_ = 0;
+  int count_ = 0, waiting_ = 0;
 };
 
 }  // namespace evmarker
