@@ -15,28 +15,19 @@ using Vector7d = Eigen::Matrix<double, 7, 1>;
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
-using Vector12d = Eigen::Matrix<double, 12, 1>;
+using Matrix67d = Eigen::Matrix<double, 6, 7>;
 
-/// Covariance by blocks: p is the pose, v its velocity, o the edge offset. Events tell of q = [p; o], and move all of
-/// x = [p; v] with it. Columns have an even length: arithmetic in pairs of numbers needs no remainder.
+/// Covariance by blocks: p is the pose, v its velocity, o the edge offset; q = [p; o] is what events tell of. The op
+/// block is that of po. Columns have an even length: arithmetic in pairs of numbers needs no remainder.
 struct BlockCovariance {
-  Eigen::Matrix<double, 12, 7> xq = Eigen::Matrix<double, 12, 7>::Zero();
+  Matrix67d pq = Matrix67d::Zero(), vq = Matrix67d::Zero();
   Matrix6d vv = Matrix6d::Zero();
   double oo = 0;
-
-  auto pp() noexcept { return xq.topLeftCorner<6, 6>(); }
-  auto pp() const noexcept { return xq.topLeftCorner<6, 6>(); }
-  auto vp() noexcept { return xq.bottomLeftCorner<6, 6>(); }
-  auto vp() const noexcept { return xq.bottomLeftCorner<6, 6>(); }
-  auto po() noexcept { return xq.col(6).head<6>(); }
-  auto po() const noexcept { return xq.col(6).head<6>(); }
-  auto vo() noexcept { return xq.col(6).tail<6>(); }
-  auto vo() const noexcept { return xq.col(6).tail<6>(); }
 };
 
 /// How far the state is from what was expected.
 struct BlockError {
-  Vector12d x = Vector12d::Zero();
+  Vector6d p = Vector6d::Zero(), v = Vector6d::Zero();
   double o = 0;
 };
 
@@ -114,92 +105,96 @@ class KalmanMeasurements {
     Gain gain;
     if (!gain.find(measurement, P, error, information)) return false;
     gain.apply(P);
-    error.x += gain.step * gain.P_J;
+    error.p += gain.step * gain.P_p;
+    error.v += gain.step * gain.P_v;
     error.o += gain.step * gain.P_o;
     return true;
   }
 
   // Two functions, and not inline: in one, compilers keep all of P from the first half for the second, on the stack.
   struct Gain {
-    Vector12d P_J, loss;
-    double P_o, loss_o, step;
+    Vector6d P_p, P_v;     // P J^T
+    Vector6d less_p, less_v;  // -P J^T / variance
+    double P_o, less_o, step;
 
     [[gnu::noinline]] bool find(const Row& measurement, const BlockCovariance& P, const BlockError& error,
                                 double information) noexcept {
       const auto& [row, weight] = measurement;
       const double s = row(6);
-      P_J = row(0) * P.xq.col(0);
+      P_p = row(0) * P.pq.col(0);
+      P_v = row(0) * P.vq.col(0);
 #pragma GCC unroll 8
-      for (int k = 1; k < 7; ++k) P_J += row(k) * P.xq.col(k);
-      double J_P_J = 0, expected = s * error.o;
-      P_o = s * P.oo;
-      for (int k = 0; k < 6; ++k) {
-        P_o += row(k) * P.xq(k, 6);
-        J_P_J += row(k) * P_J(k);
-        expected += row(k) * error.x(k);
+      for (int k = 1; k < 7; ++k) {
+        P_p += row(k) * P.pq.col(k);
+        P_v += row(k) * P.vq.col(k);
       }
-      const double variance = 1 / (information * weight) + J_P_J + s * P_o;
+      const Vector6d J = row.head<6>();
+      P_o = J.dot(P.pq.col(6)) + s * P.oo;
+      const double variance = 1 / (information * weight) + J.dot(P_p) + s * P_o;
       const double inverse = 1 / variance;
-      step = inverse * (row(7) - expected);
-      loss = -inverse * P_J;
-      loss_o = -inverse * P_o;
-      double least = P.oo + P_o * loss_o;
-      for (int k = 0; k < 6; ++k) least = std::min(least, P.xq(k, k) + P_J(k) * loss(k));
+      step = inverse * (row(7) - s * error.o - J.dot(error.p));
+      less_p = -inverse * P_p;
+      less_v = -inverse * P_v;
+      less_o = -inverse * P_o;
+      double least = P.oo + P_o * less_o;
+      for (int k = 0; k < 6; ++k) least = std::min(least, P.pq(k, k) + P_p(k) * less_p(k));
       return least > 0 && variance > 0 && std::isfinite(variance + step);
     }
 
     [[gnu::noinline]] void apply(BlockCovariance& P) const noexcept {
 #pragma GCC unroll 8
-      for (int k = 0; k < 6; ++k) P.xq.col(k) += P_J(k) * loss;
-      P.xq.col(6) += P_o * loss;
-      P.oo += P_o * loss_o;
-#pragma GCC unroll 8
-      for (int k = 0; k < 6; ++k) P.vv.col(k) += P_J(6 + k) * loss.tail<6>();
+      for (int k = 0; k < 6; ++k) {
+        P.pq.col(k) += P_p(k) * less_p;
+        P.vq.col(k) += P_p(k) * less_v;
+        P.vv.col(k) += P_v(k) * less_v;
+      }
+      P.pq.col(6) += P_o * less_p;
+      P.vq.col(6) += P_o * less_v;
+      P.oo += P_o * less_o;
     }
   };
 
   // All at once by their information H and b about [p; o].
   bool together(BlockCovariance& P, BlockError& error, double information) const noexcept {
     Matrix7d H, Q;
+    Vector7d b;
     for_lower<7>([&](int i, int j) { H(i, j) = H(j, i) = information * squares_(i, j); });
-    for_lower<6>([&](int i, int j) { Q(i, j) = P.xq(i, j); });
-    for (int j = 0; j < 6; ++j) Q(6, j) = P.xq(j, 6);
+    for (int j = 0; j < 7; ++j) b(j) = information * squares_(7, j) - H(6, j) * error.o;
+    for (int j = 0; j < 7; ++j)
+      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * error.p(i);
+    for_lower<6>([&](int i, int j) { Q(i, j) = P.pq(i, j); });
+    for (int j = 0; j < 6; ++j) Q(6, j) = P.pq(j, 6);
     Q(6, 6) = P.oo;
 
     // Q <- (Q^-1 + H)^-1. The rest follows as far as it correlates with q: (I - P H) of P_vq and P_vv.
     bool good = invert_lower(Q);
     for_lower<7>([&](int i, int j) { Q(i, j) += H(i, j); });
     good = invert_lower(Q) && good;
-    mirror_lower(Q);
-
-    Eigen::Matrix<double, 6, 7> P_vq_H, P_vq = P.xq.bottomRows<6>();
-    for (int j = 0; j < 7; ++j) {
-      Vector6d c = H(0, j) * P_vq.col(0);
-      for (int k = 1; k < 7; ++k) c += H(k, j) * P_vq.col(k);
-      P_vq_H.col(j) = c;
-    }
-    for (int j = 0; j < 7; ++j) {
-      Vector6d c = Q(0, j) * P_vq_H.col(0);
-      for (int k = 1; k < 7; ++k) c += Q(k, j) * P_vq_H.col(k);
-      P_vq.col(j) -= c;
-    }
-    Vector7d b;
-    for (int j = 0; j < 7; ++j) {
-      b(j) = information * squares_(7, j) - H(6, j) * error.o;
-      for (int i = 0; i < 6; ++i) b(j) -= H(i, j) * error.x(i);
-    }
     if (!good || !std::isfinite(b.sum())) return false;
 
+    mirror_lower(Q);
+    P.pq = Q.topRows<6>();
+    P.oo = Q(6, 6);
+    const Matrix67d P_vq_H = product(P.vq, H);
+    P.vq -= product(P_vq_H, Q);
     for (int k = 0; k < 7; ++k)
-      for (int j = 0; j < 6; ++j) P.vv.col(j) -= P_vq(j, k) * P_vq_H.col(k);
-    P.xq.topRows<6>() = Q.topRows<6>();
-    P.xq.bottomRows<6>() = P_vq;
+      for (int j = 0; j < 6; ++j) P.vv.col(j) -= P.vq(j, k) * P_vq_H.col(k);
     for (int k = 0; k < 7; ++k) {
-      error.x += b(k) * P.xq.col(k);
+      error.p += b(k) * P.pq.col(k);
+      error.v += b(k) * P.vq.col(k);
       error.o += b(k) * Q(6, k);
     }
-    P.oo = Q(6, 6);
     return true;
+  }
+
+  static Matrix67d product(const Matrix67d& A, const Matrix7d& B) noexcept {
+    Matrix67d AB;
+    for (int j = 0; j < 7; ++j) {
+      Vector6d column = B(0, j) * A.col(0);
+      for (int k = 1; k < 7; ++k) column += B(k, j) * A.col(k);
+      AB.col(j) = column;
+    }
+    return AB;
   }
 
   std::array<Row, kWaiting> rows_{};  // that are not in the sums yet

@@ -46,7 +46,7 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_.pp().diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+    P_.pq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad));
     P_.oo = squared(settings.initial_sigma_offset_px);
     P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
@@ -76,20 +76,19 @@ class KalmanUpdate {
     const double mean_dt = measurements_.count() > 0 ? std::min(1e-6 * since_us_ / measurements_.count(), dt) : dt;
     t_us_ = static_cast<double>(t);
     BlockError error;
-    error.x.head<6>() = predict(mean_dt);
+    error.p = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
     const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
-    Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + error.x.tail<6>();
+    const Vector6d twist = twist_ + error.v;
     const double lead_s = dt - mean_dt;
-    perturb(T, error.x.head<6>() + carried(lead_s) * twist);
-    if (!good || !std::isfinite(T.matrix().sum())) return false;
+    if (lead_s != 0) error.p += carried(lead_s) * twist;
+    if (!good || !(error.p.squaredNorm() + twist.squaredNorm() + squared(error.o) < kInfinity)) return false;
 
-    T_camera_marker = T;
+    perturb(T_camera_marker, error.p);
     twist_ = twist;
     lead_s_ = lead_s;
     offset_px_ += error.o;
@@ -109,16 +108,17 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.xq.bottomRows<6>() *= -1;
+    P_.vq *= -1;
   }
 
   /// Of the pose, as PoseEstimate says it.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = P_.pp();
+    Matrix6d P = P_.pq.leftCols<6>();
     if (lead_s_ != 0) {
-      const Noise noise = this->noise(std::abs(lead_s_));
-      const Matrix6d P_pv = P_.vp().transpose();
-      P += carried(lead_s_) * (P_pv + P_.vp() + carried(lead_s_) * P_.vv);
+      const Passage passed = passage(lead_s_);
+      const Noise noise = this->noise(passed);
+      const Matrix6d P_vp = P_.vq.leftCols<6>(), P_pv = P_vp.transpose();
+      P += passed.carried * (P_pv + P_vp + passed.carried * P_.vv);
       P.diagonal() += noise.along(noise.pose);
     }
     const double speed = this->speed(rotation_speed());
@@ -142,9 +142,10 @@ class KalmanUpdate {
     since_us_ = 0;
   }
 
-  static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
+  // A step takes a rotation off SO(3) by its rounding, which needs mending only now and then.
+  void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
     T.translation() += step.head<3>();
-    T.linear() = rotated(T.linear(), step.tail<3>());
+    T.linear() = ++steps_ % 16 == 0 ? rotated(T.linear(), step.tail<3>()) : turned(T.linear(), step.tail<3>());
   }
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
@@ -156,11 +157,16 @@ class KalmanUpdate {
     return -std::expm1(-x);
   }
 
-  // Integral of the fading velocity; a time before now is as uncertain as one after it.
-  double carried(double dt) const noexcept {
-    const double tau = settings_.velocity_memory_s;
-    return std::copysign(tau * faded(std::abs(dt) / tau), dt);
+  // A time in units of the velocity's memory, the share of the velocity that fades in it, and the integral of the fading
+  // velocity. A time before now is as uncertain as one after it.
+  struct Passage {
+    double x, faded, carried;
+  };
+  Passage passage(double dt) const noexcept {
+    const double tau = settings_.velocity_memory_s, x = std::abs(dt) / tau, f = faded(x);
+    return {x, f, std::copysign(tau * f, dt)};
   }
+  double carried(double dt) const noexcept { return dt != 0 ? passage(dt).carried : 0; }
 
   double lever2() const noexcept { return scales_(0); }
   double px_per_m2() const noexcept { return scales_(1); }
@@ -180,11 +186,11 @@ class KalmanUpdate {
     }
   };
 
-  Noise noise(double dt) const noexcept {
+  Noise noise(const Passage& passed) const noexcept {
     const double rotation_speed = this->rotation_speed();
     const double q_translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
     const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed);
-    const double tau = settings_.velocity_memory_s, x = dt / tau, f = faded(x);
+    const double tau = settings_.velocity_memory_s, x = passed.x, f = passed.faded;
     return {q_translation, q_edges / std::max(lever2(), kSmallestLever2),
             tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
   }
@@ -192,35 +198,29 @@ class KalmanUpdate {
   // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
   // of the pose.
   Vector6d predict(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s;
-    if (dt == 0) return still();
-    const double carried = this->carried(dt);
-    const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
-    const Noise noise = this->noise(std::abs(dt));
+    const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
+    lead_s_ = 0;
+    if (dt == 0) return -carried_before * twist_;  // at a pose for every event, one in two has the time of the one before
+    const Passage passed = passage(dt);
+    const double carried = passed.carried, kept = 1 - passed.faded;
+    const Noise noise = this->noise(passed);
     // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_pv = P_.vp().transpose();
+    const Matrix6d P_pv = P_.vq.leftCols<6>().transpose();
     for (int k = 0; k < 6; ++k) {
-      const Vector6d P_vp_moved = P_.vp().col(k) + carried * P_.vv.col(k);
-      P_.pp().col(k) += carried * (P_pv.col(k) + P_vp_moved);
-      P_.vp().col(k) = kept * P_vp_moved;
-      P_.vv.col(k) *= kept * kept;
+      const Vector6d P_vp_moved = P_.vq.col(k) + carried * P_.vv.col(k);
+      P_.pq.col(k) += carried * (P_pv.col(k) + P_vp_moved);
+      P_.vq.col(k) = kept * P_vp_moved;
     }
-    P_.po() += carried * P_.vo();
-    P_.vo() *= kept;
+    P_.pq.col(6) += carried * P_.vq.col(6);
+    P_.vq.col(6) *= kept;
+    P_.vv *= kept * kept;
 
-    P_.pp().diagonal() += noise.along(noise.pose);
-    P_.vp().diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
+    P_.pq.diagonal() += noise.along(noise.pose);
+    P_.vq.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
     P_.vv.diagonal() += noise.along(noise.velocity);
     P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
-    const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
+    const Vector6d moved = (carried - carried_before) * twist_;
     twist_ *= kept;
-    lead_s_ = 0;
-    return moved;
-  }
-
-  Vector6d still() noexcept {
-    const Vector6d moved = -carried(lead_s_) * twist_;
-    lead_s_ = 0;
     return moved;
   }
 
@@ -228,6 +228,7 @@ class KalmanUpdate {
   BlockCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
+  unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
   Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
