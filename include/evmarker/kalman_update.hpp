@@ -58,7 +58,7 @@ class KalmanUpdate {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
-    // What is not finite would stay for ever. |turning| is at most |lever| |gradient|.
+    // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
     if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
     const double robust2 = settings_.robust_px * settings_.robust_px;
     const double weight = robust2 / (robust2 + residual2);
@@ -142,7 +142,7 @@ class KalmanUpdate {
     since_us_ = 0;
   }
 
-  // A step takes a rotation off SO(3) by its rounding, which needs mending only now and then.
+  // Rounding takes a rotation off SO(3) by 1e-16 a step: to mend that at every step took longer than the step.
   void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
     T.translation() += step.head<3>();
     T.linear() = ++steps_ % 16 == 0 ? rotated(T.linear(), step.tail<3>()) : turned(T.linear(), step.tail<3>());
@@ -157,8 +157,8 @@ class KalmanUpdate {
     return -std::expm1(-x);
   }
 
-  // A time in units of the velocity's memory, the share of the velocity that fades in it, and the integral of the fading
-  // velocity. A time before now is as uncertain as one after it.
+  // A time in units of the velocity's memory, the share of the velocity that fades in it, and the integral of the
+  // fading velocity. A time before now is as uncertain as one after it.
   struct Passage {
     double x, faded, carried;
   };
@@ -200,7 +200,7 @@ class KalmanUpdate {
   Vector6d predict(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
     lead_s_ = 0;
-    if (dt == 0) return -carried_before * twist_;  // at a pose for every event, one in two has the time of the one before
+    if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
     const Passage passed = passage(dt);
     const double carried = passed.carried, kept = 1 - passed.faded;
     const Noise noise = this->noise(passed);
@@ -234,8 +234,8 @@ class KalmanUpdate {
   Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
   double scales_share_ = 1;          // of the next event in them
   double since_us_ = 0;              // sum of the events' times since the last update [us]
-  double lead_s_ = 0;         // the filter's state is as old as the mean of its last events; the pose is so much newer
-  double t_us_ = kInfinity;   // time of the pose, exact to 2^53 us; before the first, no time passes
+  double lead_s_ = 0;        // the filter's state is as old as the mean of its last events; the pose is so much newer
+  double t_us_ = kInfinity;  // time of the pose, exact to 2^53 us; before the first, no time passes
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate>);
