@@ -29,11 +29,11 @@ struct JudgedPose {
 
 inline JudgedPose judge(const PoseEstimate& pose, const Eigen::Isometry3d& truth) {
   JudgedPose judged{pose.t, pose.quality.state, pose_error(pose.T_camera_marker, truth)};
-  if (pose.information.diagonal().minCoeff() > 0) {
+  if (const Matrix6d information = evmarker::information(pose); information.diagonal().minCoeff() > 0) {
     Vector6d error;
     error << truth.translation() - pose.T_camera_marker.translation(),
         so3_log(truth.linear() * pose.T_camera_marker.linear().transpose());
-    judged.nees = error.dot(pose.information * error) / 6;
+    judged.nees = error.dot(information * error) / 6;
   }
   return judged;
 }

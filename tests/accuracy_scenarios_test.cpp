@@ -53,7 +53,7 @@ TEST_CASE("a verdict counts errors, wild stretches, losses, strangers and covere
     estimate.t = t;
     estimate.T_camera_marker = situation.truth(0, t);
     estimate.T_camera_marker.translation().x() += off_m;
-    estimate.information = 1e4 * Matrix6d::Identity();  // sigma 1 cm
+    estimate.covariance = 1e-4 * Matrix6d::Identity();  // sigma 1 cm
     estimate.quality.state = state;
     run.add(situation, estimate);
   };

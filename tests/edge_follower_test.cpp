@@ -54,7 +54,7 @@ struct CountingRule {
     ++reversals;
     settings.twist *= -1;
   }
-  Matrix6d information() const noexcept { return Matrix6d::Zero(); }
+  Matrix6d covariance() const noexcept { return Matrix6d::Zero(); }
   Vector6d twist() const noexcept { return settings.twist; }
 
   Settings settings;

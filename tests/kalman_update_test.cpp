@@ -96,7 +96,7 @@ Timestamp follow(Follower& follower, ExactEvents& events, const Motion& motion, 
   return t;
 }
 
-Vector6d sigmas(const Matrix6d& information) { return information.inverse().diagonal().cwiseSqrt(); }
+Vector6d sigmas(const Matrix6d& covariance) { return covariance.diagonal().cwiseSqrt(); }
 double least_eigenvalue(const Matrix6d& m) { return Eigen::SelfAdjointEigenSolver<Matrix6d>(m).eigenvalues()(0); }
 
 // One matched event of the code marker at a pose, `off_px` from its edge.
@@ -153,14 +153,14 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
     for (const bool dark_side_known : {false, true}) {
       c.dark_side_known = dark_side_known;
       KalmanUpdate rule(settings, 1);
-      CHECK((rule.information() * P0 - Matrix6d::Identity()).norm() < 1e-12);
+      CHECK((rule.covariance().inverse() * P0 - Matrix6d::Identity()).norm() < 1e-12);
       rule.add(c, T);
       Isometry3d moved = T;
       REQUIRE(rule.update(moved, 5));
       const double offset2 = dark_side_known ? std::pow(settings.initial_sigma_offset_px, 2) : 0;
       const double S = J.dot(P0 * J) + offset2 + R;
       const Matrix6d P = P0 - P0 * J * J.transpose() * P0 / S;
-      CHECK((rule.information() * P - Matrix6d::Identity()).norm() < 10 * tolerance);
+      CHECK((rule.covariance().inverse() * P - Matrix6d::Identity()).norm() < 10 * tolerance);
       const Vector6d expected = P0 * J * off_px / S;
       CHECK((error_of(T, moved) - expected).cwiseQuotient(sigma0).norm() <=
             tolerance * expected.cwiseQuotient(sigma0).norm() + 1e-9);
@@ -211,7 +211,7 @@ TEST_CASE("many events, taken one by one or all at once: the textbook's gain of 
     REQUIRE(expected.head<6>().cwiseQuotient(sigma).norm() > 1e-3);
     CHECK((error_of(T, moved) - expected.head<6>()).cwiseQuotient(sigma).norm() < 1e-6);
     CHECK(rule.edge_offset_px() == doctest::Approx(expected(6)));
-    CHECK((rule.information() * P.topLeftCorner<6, 6>() - Matrix6d::Identity()).norm() < 1e-4);
+    CHECK((rule.covariance().inverse() * P.topLeftCorner<6, 6>() - Matrix6d::Identity()).norm() < 1e-4);
   }
 }
 
@@ -305,28 +305,28 @@ TEST_CASE("constant motion: velocity of the marker's origin and turn rate, both 
     }
 }
 
-TEST_CASE("information grows with events and shrinks with time") {
+TEST_CASE("the covariance shrinks with events and grows with time") {
   Follower fed = follower(kTruth, 10);
   ExactEvents events(54);
   const auto still = [](double) { return kTruth; };
-  Vector6d before = sigmas(fed.rule().information());
+  Vector6d before = sigmas(fed.rule().covariance());
   for (const int count : {10, 100, 1000}) {
     for (int i = 0; i < count; ++i) fed.push(events.next(kTruth), 7);  // no time passes
-    const Vector6d now = sigmas(fed.rule().information());
+    const Vector6d now = sigmas(fed.rule().covariance());
     CHECK((now.array() < before.array()).all());
     before = now;
   }
   const Timestamp t = follow(fed, events, still, 1000, 7);
   KalmanUpdate rule = fed.rule();
   Isometry3d T = fed.T_camera_marker();
-  before = sigmas(rule.information());
+  before = sigmas(rule.covariance());
   for (const Timestamp ahead : {1, 1000, 10000, 100000, 1000000}) {
     rule.extrapolate(T, t + ahead);
-    const Vector6d now = sigmas(rule.information());
+    const Vector6d now = sigmas(rule.covariance());
     CHECK((now.array() > before.array()).all());
     before = now;
   }
-  CHECK((before.array() > 10 * sigmas(fed.rule().information()).array()).all());
+  CHECK((before.array() > 10 * sigmas(fed.rule().covariance()).array()).all());
 }
 
 TEST_CASE("uncertainty after a pause does not depend on how often one asked meanwhile") {
@@ -338,9 +338,9 @@ TEST_CASE("uncertainty after a pause does not depend on how often one asked mean
   Isometry3d T = kTruth;
   once.extrapolate(T, t + 1000000);
   for (int i = 1; i <= 1000; ++i) often.extrapolate(T, t + 1000 * i);
-  const Vector6d ratio = sigmas(once.information()).cwiseQuotient(sigmas(often.information()));
-  MESSAGE("sigma after 1 s: " << sigmas(once.information()).transpose() << ", in steps of 1 ms "
-                              << sigmas(often.information()).transpose());
+  const Vector6d ratio = sigmas(once.covariance()).cwiseQuotient(sigmas(often.covariance()));
+  MESSAGE("sigma after 1 s: " << sigmas(once.covariance()).transpose() << ", in steps of 1 ms "
+                              << sigmas(often.covariance()).transpose());
   CHECK(ratio.maxCoeff() < 1.05);
   CHECK(ratio.minCoeff() > 0.95);
 }
@@ -358,22 +358,22 @@ TEST_CASE("tracking goes on after a pause of any length") {
       CHECK(paused.skipped_updates() == 0);
       CHECK(translation_error(paused.T_camera_marker(), kTruth) < 1e-4);
       CHECK(rotation_error(paused.T_camera_marker(), kTruth) < 1e-3);
-      CHECK(least_eigenvalue(paused.rule().information()) > 0);
-      CHECK(sigmas(paused.rule().information()).head<3>().maxCoeff() < 0.01);
+      CHECK(least_eigenvalue(paused.rule().covariance()) > 0);
+      CHECK(sigmas(paused.rule().covariance()).head<3>().maxCoeff() < 0.01);
     }
   }
 }
 
-TEST_CASE("over a hundred thousand updates the information stays symmetric and positive") {
+TEST_CASE("over a hundred thousand updates the covariance stays symmetric and positive") {
   const auto sway = [](double s) {
     return perturbed(kTruth, step(0.03 * Vector3d(std::sin(9 * s), std::cos(7 * s), std::sin(5 * s)),
                                   0.2 * Vector3d(std::cos(6 * s), std::sin(8 * s), std::sin(11 * s))));
   };
   const auto sound = [](const KalmanUpdate& rule) {
-    const Matrix6d information = rule.information();
-    REQUIRE(information.allFinite());
-    CHECK((information - information.transpose()).norm() < 1e-9 * information.norm());
-    CHECK(least_eigenvalue(information) > 0);
+    const Matrix6d covariance = rule.covariance();
+    REQUIRE(covariance.allFinite());
+    CHECK((covariance - covariance.transpose()).norm() < 1e-9 * covariance.norm());
+    CHECK(least_eigenvalue(covariance) > 0);
   };
   SUBCASE("in motion") {
     Follower moving = follower(sway(0), 1);
@@ -432,7 +432,7 @@ TEST_CASE("forward and backward over the same events returns to the start") {
     back.reverse();
     CHECK(back.rule().twist() == -there.rule().twist());
     CHECK(back.T_camera_marker().matrix() == there.T_camera_marker().matrix());
-    CHECK((back.rule().information() - there.rule().information()).norm() < 1e-9 * there.rule().information().norm());
+    CHECK((back.rule().covariance() - there.rule().covariance()).norm() < 1e-9 * there.rule().covariance().norm());
     for (auto sight = sights.rbegin(); sight != sights.rend(); ++sight) back.push(sight->m, end + (end - sight->t));
     const Isometry3d start = motion(1e-6 * static_cast<double>(settled));
     MESSAGE("came back to within " << 1e3 * translation_error(back.T_camera_marker(), start) << " mm");
@@ -448,7 +448,7 @@ TEST_CASE("forward and backward over the same events returns to the start") {
     twice.extrapolate(a, end + 5000);
     once.extrapolate(b, end + 5000);
     CHECK((a.matrix() - b.matrix()).norm() < 1e-12);
-    CHECK((twice.information() - once.information()).norm() < 1e-9 * once.information().norm());
+    CHECK((twice.covariance() - once.covariance()).norm() < 1e-9 * once.covariance().norm());
   }
 }
 
@@ -476,7 +476,7 @@ TEST_CASE("time that stands still or goes back does no harm") {
     }
     CHECK(moving.skipped_updates() == 0);
     CHECK(translation_error(moving.T_camera_marker(), motion(1e-6 * static_cast<double>(t))) < 1e-3);
-    CHECK(least_eigenvalue(moving.rule().information()) > 0);
+    CHECK(least_eigenvalue(moving.rule().covariance()) > 0);
   }
   // A clock that starts anew.
   Follower restarted = follower(kTruth, 10);
@@ -512,7 +512,7 @@ TEST_CASE("an update without events only lets time pass") {
   extrapolated.extrapolate(b, t + 3000);
   CHECK(translation_error(b, moving.T_camera_marker()) > 5e-4);
   CHECK((a.matrix() - b.matrix()).norm() < 1e-12);
-  CHECK((updated.information() - extrapolated.information()).norm() < 1e-6 * extrapolated.information().norm());
+  CHECK((updated.covariance() - extrapolated.covariance()).norm() < 1e-6 * extrapolated.covariance().norm());
 }
 
 TEST_CASE("numbers that are none never reach the pose, and the rule recovers from them") {
@@ -630,11 +630,10 @@ TEST_CASE("the stated covariance is that of the errors") {
         const auto pose = tracked.push(event);
         if (!pose || pose->quality.state != TrackingState::tracking) continue;
         const Vector6d error = error_of(pose->T_camera_marker, motion(1e-6 * static_cast<double>(pose->t)));
-        const auto P = covariance(*pose);
-        REQUIRE(P);
+        REQUIRE(pose->covariance);
         ++poses;
-        nees += error.dot(pose->information * error) / 6;
-        components += error.cwiseAbs2().cwiseQuotient(P->diagonal());
+        nees += error.dot(information(*pose) * error) / 6;
+        components += error.cwiseAbs2().cwiseQuotient(pose->covariance->diagonal());
       }
       REQUIRE(poses > 1000);
       nees /= poses;
@@ -669,7 +668,7 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
         kept = std::max(kept, translation_error(now.T_camera_marker, rest));
         asked = std::max(asked, translation_error(then.T_camera_marker, rest));
         sigma_before = sigma;
-        sigma = sigmas(then.information);
+        sigma = sigmas(*then.covariance);
         if (then.quality.updated_t == last_update) {
           ++grew;
           CHECK((sigma.array() > sigma_before.array()).all());

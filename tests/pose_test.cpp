@@ -7,7 +7,7 @@
 #include <random>
 #include <string>
 
-using evmarker::covariance;
+using evmarker::information;
 using evmarker::Matrix6d;
 using evmarker::PoseEstimate;
 using evmarker::TrackingState;
@@ -15,11 +15,11 @@ using evmarker::Vector6d;
 
 namespace {
 
-// Information of metres and radians of a marker at 0.5 m: their sizes differ by orders of magnitude.
-Matrix6d some_information() {
+// Of a marker at 0.5 m in metres and radians: their sizes differ by orders of magnitude.
+Matrix6d some_covariance() {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
-  const Vector6d scale(1e6, 1e6, 1e3, 1e2, 1e2, 1e4);
+  const Vector6d scale(1e-6, 1e-6, 1e-3, 1e-2, 1e-2, 1e-4);
   const Matrix6d rows = Matrix6d::NullaryExpr([&] { return normal(random); });
   const Matrix6d full = rows.transpose() * rows + Matrix6d::Identity();
   return scale.asDiagonal() * full * scale.asDiagonal();
@@ -36,71 +36,49 @@ TEST_CASE("states have the names of the pose table") {
 TEST_CASE("a new estimate claims nothing") {
   const PoseEstimate pose;
   CHECK(pose.T_camera_marker.isApprox(Eigen::Isometry3d::Identity()));
-  CHECK(pose.information == Matrix6d::Zero());
+  CHECK_FALSE(pose.covariance.has_value());
   CHECK_FALSE(pose.twist.has_value());
   CHECK(pose.quality.state == TrackingState::converging);
   CHECK(std::isnan(pose.quality.backtrack_px));
   CHECK(std::isnan(pose.quality.backtrack_rad));
   CHECK(std::isnan(pose.quality.backtrack_angle_rad));
-  CHECK_FALSE(covariance(pose).has_value());
+  CHECK(information(pose) == Matrix6d::Zero());
 }
 
-TEST_CASE("covariance is the inverse of the information") {
+TEST_CASE("the information is the inverse of the covariance") {
   PoseEstimate pose;
-  pose.information = some_information();
-  const auto result = covariance(pose);
-  REQUIRE(result.has_value());
-  CHECK((*result - result->transpose()).norm() < 1e-12 * result->norm());
-  CHECK((pose.information * *result - Matrix6d::Identity()).cwiseAbs().maxCoeff() < 1e-3);  // entries up to 1e12
-  const Vector6d scale = pose.information.diagonal().cwiseSqrt();
-  const Matrix6d scaled = scale.asDiagonal() * *result * scale.asDiagonal();
-  const Matrix6d expected =
-      (scale.cwiseInverse().asDiagonal() * pose.information * scale.cwiseInverse().asDiagonal()).inverse();
-  CHECK((scaled - expected).norm() < 1e-9 * expected.norm());
+  pose.covariance = some_covariance();
+  const Matrix6d result = information(pose);
+  CHECK(result == result.transpose());
+  const Vector6d scale = pose.covariance->diagonal().cwiseSqrt(), inverse = scale.cwiseInverse();
+  const Matrix6d expected = (inverse.asDiagonal() * *pose.covariance * inverse.asDiagonal()).fullPivLu().inverse();
+  CHECK((scale.asDiagonal() * result * scale.asDiagonal() - expected).norm() < 1e-9 * expected.norm());
 
-  pose.information = Vector6d(4, 1e12, 1e-6, 25, 100, 1).asDiagonal();
-  const auto diagonal = covariance(pose);
-  REQUIRE(diagonal.has_value());
-  CHECK((*diagonal)(0, 0) == doctest::Approx(0.25));
-  CHECK((*diagonal)(1, 1) == doctest::Approx(1e-12));
-  CHECK((*diagonal)(2, 2) == doctest::Approx(1e6));
-  CHECK((*diagonal)(0, 1) == 0);
+  pose.covariance = Vector6d(4, 1e12, 1e-6, 25, 100, 1).asDiagonal();
+  CHECK(information(pose)(0, 0) == doctest::Approx(0.25));
+  CHECK(information(pose)(1, 1) == doctest::Approx(1e-12));
+  CHECK(information(pose)(2, 2) == doctest::Approx(1e6));
+  CHECK(information(pose)(0, 1) == 0);
 }
 
-TEST_CASE("there is no covariance while a direction is unobserved") {
-  PoseEstimate pose;
-  for (int i = 0; i < 6; ++i) {  // one axis
-    pose.information = some_information();
-    pose.information.row(i).setZero();
-    pose.information.col(i).setZero();
-    CHECK_FALSE(covariance(pose).has_value());
-  }
-  // A direction across the axes: five constraints.
-  std::mt19937 random(2);
-  std::normal_distribution<double> normal;
-  pose.information.setZero();
-  for (int i = 0; i < 5; ++i) {
-    const Vector6d row = Vector6d::NullaryExpr([&] { return normal(random); });
-    pose.information += row * row.transpose();
-  }
-  CHECK_FALSE(covariance(pose).has_value());
-  const Vector6d sixth = Vector6d::NullaryExpr([&] { return normal(random); });
-  pose.information += sixth * sixth.transpose();
-  CHECK(covariance(pose).has_value());
-}
-
-TEST_CASE("information that is none gives no covariance and no NaN") {
+TEST_CASE("a covariance that is none informs of nothing") {
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
-  for (const double bad : {nan, infinity, -infinity, -1.0})
+  PoseEstimate pose;
+  for (const double bad : {nan, infinity, -infinity, -1.0, 0.0})
     for (int i = 0; i < 6; ++i) {
       CAPTURE(bad);
       CAPTURE(i);
-      PoseEstimate pose;
-      pose.information = some_information();
-      pose.information(i, i) = bad;
-      CHECK_FALSE(covariance(pose).has_value());
-      pose.information = some_information();
-      pose.information(i, (i + 1) % 6) = pose.information((i + 1) % 6, i) = bad * 1e18;
-      CHECK_FALSE(covariance(pose).has_value());
+      pose.covariance = some_covariance();
+      (*pose.covariance)(i, i) = bad;
+      if (bad == infinity) {  // of this axis alone
+        CHECK(information(pose).allFinite());
+        CHECK(information(pose).row(i).isZero());
+      } else {
+        CHECK(information(pose).isZero());
+      }
+      if (bad == 0) continue;
+      pose.covariance = some_covariance();
+      (*pose.covariance)(i, (i + 1) % 6) = (*pose.covariance)((i + 1) % 6, i) = bad * 1e18;
+      CHECK(information(pose).isZero());
     }
 }

@@ -76,7 +76,7 @@ struct GlideRule : SlideRule {
     T_camera_marker.translation().x() += 1e-6 * static_cast<double>(t - last_t);
     last_t = t;
   }
-  Matrix6d information() const noexcept { return Matrix6d::Identity() / static_cast<double>(1 + last_t); }
+  Matrix6d covariance() const noexcept { return static_cast<double>(1 + last_t) * Matrix6d::Identity(); }
   Vector6d twist() const noexcept { return Vector6d::Unit(0); }
   Timestamp last_t = 0;
 };
@@ -88,9 +88,9 @@ struct OptionalTwist : GlideRule {
   using GlideRule::GlideRule;
   std::optional<Vector6d> twist() const noexcept { return std::nullopt; }
 };
-struct MutableInformation : GlideRule {
+struct MutableCovariance : GlideRule {
   using GlideRule::GlideRule;
-  Matrix6d information() noexcept { return Matrix6d::Zero(); }
+  Matrix6d covariance() noexcept { return Matrix6d::Zero(); }
 };
 
 }  // namespace
@@ -112,7 +112,7 @@ static_assert(MotionEstimatingRule<GlideRule>);
 static_assert(!MotionEstimatingRule<SlideRule>);
 static_assert(!MotionEstimatingRule<ThrowingExtrapolate>);
 static_assert(!MotionEstimatingRule<OptionalTwist>);
-static_assert(!MotionEstimatingRule<MutableInformation>);
+static_assert(!MotionEstimatingRule<MutableCovariance>);
 
 namespace {
 
@@ -143,10 +143,10 @@ TEST_CASE("a pose goes on as its rule knows, or stays where it is") {
   const auto gone_on = evmarker::extrapolated(pose, GlideRule({}, 1), 3000),
              stays = extrapolated(pose, SlideRule({}, 1), 3000);
   CHECK(gone_on.T_camera_marker.translation().x() == doctest::Approx(3e-3));
-  CHECK(gone_on.information(0, 0) == doctest::Approx(1.0 / 3001));
+  CHECK((*gone_on.covariance)(0, 0) == 3001);
   CHECK(*gone_on.twist == Vector6d::Unit(0));
   CHECK(stays.T_camera_marker.matrix() == pose.T_camera_marker.matrix());
-  CHECK(stays.information.isZero());
+  CHECK_FALSE(stays.covariance);
   CHECK_FALSE(stays.twist);
   for (const auto& later : {gone_on, stays}) {
     CHECK(later.t == 3000);

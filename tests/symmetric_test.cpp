@@ -30,6 +30,14 @@ TEST_CASE_TEMPLATE("the inverse is that of a general solver, whatever the upper 
     const Matrix unscaled = units.asDiagonal() * inverse * units.asDiagonal();
     const Matrix expected = Eigen::MatrixXd(scaled).fullPivLu().inverse();
     CHECK((unscaled - expected).norm() < 1e-10 * expected.norm());
+
+    Matrix twice = A;  // back again: -(-A^-1)^-1
+    REQUIRE(sweep_lower(twice));
+    Matrix negative = twice;
+    CHECK_FALSE(sweep_lower(negative));
+    REQUIRE(sweep_lower(twice, -1));
+    mirror_lower(twice);
+    CHECK((units.asDiagonal().inverse() * (twice - A) * units.asDiagonal().inverse()).norm() < 1e-10 * scaled.norm());
   }
 }
 

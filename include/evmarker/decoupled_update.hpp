@@ -31,7 +31,7 @@ struct DecoupledSettings {
 };
 
 /// Translation by Lu's optimal step over running averages, rotation by the torque of virtual springs about the marker's
-/// origin (Loch, Haessig, Vincze; Reverter Valeiras et al.). Estimates neither twist nor information.
+/// origin (Loch, Haessig, Vincze; Reverter Valeiras et al.). Estimates neither twist nor covariance.
 class DecoupledUpdate {
  public:
   using Settings = DecoupledSettings;

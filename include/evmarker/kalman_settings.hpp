@@ -18,7 +18,8 @@ struct KalmanSettings {
   double rotation_share = 0.5;
   double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
   double offset_drift_px = 0.1;     ///< random walk of the edge offset in a second [px]
-  /// A sensor's unknown delay: shifts the pose along its motion, unseen by the filter. Enters the information only.
+  /// A sensor's unknown delay: shifts the pose along its motion, unseen by the filter. Enters the stated covariance
+  /// only.
   double latency_sigma_s = 2e-4;
   double trail_sigma_px = 0.1;  ///< likewise in pixels: an event comes only when a whole contrast step has passed
   /// The noise above is more than there is on average, so that a sudden turn or wrong events are survived; the poses

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -45,8 +46,9 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_.qq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)), squared(settings.initial_sigma_offset_px);
+    P_.pq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad));
+    P_.oo = squared(settings.initial_sigma_offset_px);
     P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
   }
@@ -56,53 +58,49 @@ class KalmanUpdate {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
-    if (!std::isfinite(residual2 * (gradient2 + turning.squaredNorm()) * lever2)) return;  // it would stay for ever
+    // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
+    if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
     const double robust2 = settings_.robust_px * settings_.robust_px;
     const double weight = robust2 / (robust2 + residual2);
     const Vector8d row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
                        residual);
     measurements_.add(row, weight);
     spread2_px_ += 0.001 * (residual2 - spread2_px_);
-    lever2_ += (lever2_ > 0 ? 0.01 : 1) * (lever2 - lever2_);
-    px_per_m2_ += (px_per_m2_ > 0 ? 0.01 : 1) * (gradient2 - px_per_m2_);
-    since_s_ += seconds_since_update(c.t);
+    scales_ += scales_share_ * (Eigen::Vector2d(lever2, gradient2) - scales_);
+    scales_share_ = 0.01;
+    since_us_ += us_since_update(c.t);
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    const double dt = seconds_since_update(t);
-    const double mean_dt = measurements_.count() > 0 ? std::min(since_s_ / measurements_.count(), dt) : dt;
-    t_ = t;
-    started_ = true;
-    const Vector6d moved = predict(mean_dt);
+    const double dt = 1e-6 * us_since_update(t);
+    const double mean_dt = measurements_.count() > 0 ? std::min(1e-6 * since_us_ / measurements_.count(), dt) : dt;
+    t_us_ = static_cast<double>(t);
+    BlockError error;
+    error.p = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    const auto after = measurements_.correction(P_, moved, per_event);
+    const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
-    Eigen::Isometry3d T = T_camera_marker;
-    const Vector6d twist = twist_ + after.dv;
+    const Vector6d twist = twist_ + error.v;
     const double lead_s = dt - mean_dt;
-    perturb(T, moved + after.dq.head<6>() + carried(lead_s) * twist);
-    // Whatever is not finite in any of the blocks has come down to these.
-    if (!after.good || !std::isfinite(after.dq.sum() + after.dv.sum() + after.P.vv.trace() + T.matrix().sum()))
-      return false;
+    if (lead_s != 0) error.p += carried(lead_s) * twist;
+    if (!good || !(error.p.squaredNorm() + twist.squaredNorm() + squared(error.o) < kInfinity)) return false;
 
-    P_ = after.P;
-    T_camera_marker = T;
+    perturb(T_camera_marker, error.p);
     twist_ = twist;
     lead_s_ = lead_s;
-    offset_px_ += after.dq(6);
+    offset_px_ += error.o;
     return true;
   }
 
-  /// Moves the pose on to a later time with the present velocity; its information shrinks. Events that have not led to
+  /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
   /// an update yet are forgotten.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
-    const double dt = seconds_since_update(t);
-    t_ = t;
-    started_ = true;
+    const double dt = 1e-6 * us_since_update(t);
+    t_us_ = static_cast<double>(t);
     perturb(T_camera_marker, predict(dt));
   }
 
@@ -110,21 +108,24 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.vq = -P_.vq;
+    P_.vq *= -1;
   }
 
-  [[gnu::noinline]] Matrix6d information() const noexcept {
-    const double carried = this->carried(lead_s_);
-    const Matrix6d P_vp = P_.vq.leftCols<6>();
-    const Noise noise = this->noise(std::abs(lead_s_));
-    Matrix6d P = P_.qq.topLeftCorner<6, 6>() + carried * (P_vp + P_vp.transpose() + carried * P_.vv);
-    P.diagonal() += noise.along(noise.pose);
+  /// Of the pose, as PoseEstimate says it.
+  [[gnu::noinline]] Matrix6d covariance() const noexcept {
+    Matrix6d P = P_.pq.leftCols<6>();
+    if (lead_s_ != 0) {
+      const Passage passed = passage(lead_s_);
+      const Noise noise = this->noise(passed);
+      const Matrix6d P_vp = P_.vq.leftCols<6>(), P_pv = P_vp.transpose();
+      P += passed.carried * (P_pv + P_vp + passed.carried * P_.vv);
+      P.diagonal() += noise.along(noise.pose);
+    }
     const double speed = this->speed(rotation_speed());
-    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2_) * speed) : 0;
+    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2()) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
-    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + delay_s2 * twist_(i) * twist_;
-    invert_lower(P);
-    mirror_lower(P);
+    const Vector6d delayed = delay_s2 * twist_;
+    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + twist_(i) * delayed;
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
@@ -133,21 +134,21 @@ class KalmanUpdate {
 
  private:
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
   void forget_events() noexcept {
     measurements_.clear();
-    since_s_ = 0;
+    since_us_ = 0;
   }
 
-  static void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
+  // Rounding takes a rotation off SO(3) by 1e-16 a step: to mend that at every step took longer than the step.
+  void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
     T.translation() += step.head<3>();
-    T.linear() = rotated(T.linear(), step.tail<3>());
+    T.linear() = ++steps_ % 16 == 0 ? rotated(T.linear(), step.tail<3>()) : turned(T.linear(), step.tail<3>());
   }
 
-  double seconds_since_update(Timestamp t) const noexcept {
-    return started_ && t > t_ ? 1e-6 * (static_cast<double>(t) - static_cast<double>(t_)) : 0;
-  }
+  double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
   // 1 - exp(-x) for x >= 0: the share of the velocity that fades.
   static double faded(double x) noexcept {
@@ -156,14 +157,22 @@ class KalmanUpdate {
     return -std::expm1(-x);
   }
 
-  // Integral of the fading velocity; a time before now is as uncertain as one after it.
-  double carried(double dt) const noexcept {
-    const double tau = settings_.velocity_memory_s;
-    return std::copysign(tau * faded(std::abs(dt) / tau), dt);
+  // A time in units of the velocity's memory, the share of the velocity that fades in it, and the integral of the
+  // fading velocity. A time before now is as uncertain as one after it.
+  struct Passage {
+    double x, faded, carried;
+  };
+  Passage passage(double dt) const noexcept {
+    const double tau = settings_.velocity_memory_s, x = std::abs(dt) / tau, f = faded(x);
+    return {x, f, std::copysign(tau * f, dt)};
   }
+  double carried(double dt) const noexcept { return dt != 0 ? passage(dt).carried : 0; }
+
+  double lever2() const noexcept { return scales_(0); }
+  double px_per_m2() const noexcept { return scales_(1); }
 
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
-  double rotation_speed() const noexcept { return std::sqrt(lever2_ * twist_.tail<3>().squaredNorm()); }
+  double rotation_speed() const noexcept { return std::sqrt(lever2() * twist_.tail<3>().squaredNorm()); }
   double speed(double rotation_speed) const noexcept { return twist_.head<3>().norm() + rotation_speed; }
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
 
@@ -177,39 +186,41 @@ class KalmanUpdate {
     }
   };
 
-  Noise noise(double dt) const noexcept {
+  Noise noise(const Passage& passed) const noexcept {
     const double rotation_speed = this->rotation_speed();
     const double q_translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
     const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed);
-    const double tau = settings_.velocity_memory_s, x = dt / tau, f = faded(x);
-    return {q_translation, q_edges / std::max(lever2_, kSmallestLever2),
+    const double tau = settings_.velocity_memory_s, x = passed.x, f = passed.faded;
+    return {q_translation, q_edges / std::max(lever2(), kSmallestLever2),
             tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
   }
 
   // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
   // of the pose.
   Vector6d predict(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s, carried = this->carried(dt);
-    const double kept = 1 - faded(std::abs(dt) / settings_.velocity_memory_s);
-    const Noise noise = this->noise(std::abs(dt));
+    const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
+    lead_s_ = 0;
+    if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
+    const Passage passed = passage(dt);
+    const double carried = passed.carried, kept = 1 - passed.faded;
+    const Noise noise = this->noise(passed);
     // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_vp = P_.vq.leftCols<6>();
-    const Matrix6d P_vp_moved = P_vp + carried * P_.vv;
-    const Vector6d P_po = P_.qq.col(6).head<6>() + carried * P_.vq.col(6);
-    P_.qq.topLeftCorner<6, 6>() += carried * (P_vp.transpose() + P_vp_moved);
-    P_.qq.col(6).head<6>() = P_po;
-    P_.qq.row(6).head<6>() = P_po.transpose();
-    P_.vq.leftCols<6>() = kept * P_vp_moved;
+    const Matrix6d P_pv = P_.vq.leftCols<6>().transpose();
+    for (int k = 0; k < 6; ++k) {
+      const Vector6d P_vp_moved = P_.vq.col(k) + carried * P_.vv.col(k);
+      P_.pq.col(k) += carried * (P_pv.col(k) + P_vp_moved);
+      P_.vq.col(k) = kept * P_vp_moved;
+    }
+    P_.pq.col(6) += carried * P_.vq.col(6);
     P_.vq.col(6) *= kept;
     P_.vv *= kept * kept;
 
-    P_.qq.diagonal().head<6>() += noise.along(noise.pose);
+    P_.pq.diagonal() += noise.along(noise.pose);
     P_.vq.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
     P_.vv.diagonal() += noise.along(noise.velocity);
-    P_.qq(6, 6) += squared(settings_.offset_drift_px) * std::abs(dt);
-    const Vector6d moved = (carried - this->carried(lead_s_)) * twist_;
+    P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
+    const Vector6d moved = (carried - carried_before) * twist_;
     twist_ *= kept;
-    lead_s_ = 0;
     return moved;
   }
 
@@ -217,14 +228,14 @@ class KalmanUpdate {
   BlockCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
+  unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
-  double lever2_ = 0;                // running mean of |E - T|^2 [m^2], 0 before the first event
-  double px_per_m2_ = 0;             // running mean of |gradient|^2 [px^2/m^2]
-  double since_s_ = 0;               // sum of the events' times since the last update [s]
-  double lead_s_ = 0;  // the filter's state is as old as the mean of its last events; the pose is so much newer
-  Timestamp t_ = 0;    // of the pose
-  bool started_ = false;
+  Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
+  double scales_share_ = 1;          // of the next event in them
+  double since_us_ = 0;              // sum of the events' times since the last update [us]
+  double lead_s_ = 0;        // the filter's state is as old as the mean of its last events; the pose is so much newer
+  double t_us_ = kInfinity;  // time of the pose, exact to 2^53 us; before the first, no time passes
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate>);

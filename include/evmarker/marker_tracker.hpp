@@ -115,7 +115,7 @@ class MarkerTracker {
     if (pose_.quality.state == TrackingState::lost || missing <= kBriefly) return nullptr;
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = t_ + missing.count();
-      if (!capturing_ && edge_sigma_px(pose_at(t)) < settings_.matching.max_distance_px) {
+      if (!capturing_ && knows_edges(pose_at(t))) {
         follower_.extrapolate(t);
         verification_.start_window(follower_);
         t_ = t;
@@ -138,7 +138,7 @@ class MarkerTracker {
     return pose_;
   }
 
-  /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its information shrinks
+  /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its covariance grows
   /// with its age.
   PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
 
@@ -173,7 +173,7 @@ class MarkerTracker {
     pose.t = t_;
     pose.T_camera_marker = follower_.T_camera_marker();
     if constexpr (MotionEstimatingRule<Rule>) {
-      pose.information = rule.information();
+      pose.covariance = rule.covariance();
       pose.twist = rule.twist();
     }
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
@@ -229,22 +229,20 @@ class MarkerTracker {
     return centre.x() < low.x() || centre.y() < low.y() || centre.x() > high.x() || centre.y() > high.y();
   }
 
-  // How uncertain the model's point is that is known worst in the image: root of the sum of both variances.
-  double edge_sigma_px(const PoseEstimate& pose) const noexcept {
-    const auto P = covariance(pose);
-    if (!P) return std::numeric_limits<double>::infinity();
-    double worst2 = 0;
-    for (const Eigen::Vector3d& vertex : model().vertices) {
-      const Eigen::Vector3d lever = pose.T_camera_marker.linear() * vertex;
-      const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
-      Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
-      dX << Eigen::Matrix3d::Identity(), -skew(lever);
-      Eigen::Matrix<double, 2, 3> dm;  // by X
-      dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
-      const Eigen::Matrix<double, 2, 6> J = lines_.focal_length() / X.z() * dm * dX;
-      worst2 = std::max(worst2, (J * *P * J.transpose()).trace());
-    }
-    return std::sqrt(worst2);
+  // Whether every point of the model is known in the image to within the matching distance: root of the sum of both
+  // variances.
+  bool knows_edges(const PoseEstimate& pose) const noexcept {
+    const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
+    return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
+             const Eigen::Vector3d lever = pose.T_camera_marker.linear() * vertex;
+             const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
+             Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
+             dX << Eigen::Matrix3d::Identity(), -skew(lever);
+             Eigen::Matrix<double, 2, 3> dm;  // by X
+             dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
+             const Eigen::Matrix<double, 2, 6> J = lines_.focal_length() / X.z() * dm * dX;
+             return (J * *pose.covariance * J.transpose()).trace() < limit2;
+           });
   }
 
   static Eigen::Vector3d centre_of(const MarkerModel& model) noexcept {

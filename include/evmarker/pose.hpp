@@ -1,12 +1,12 @@
 #pragma once
-// Floor 1. What a tracker tells: pose, information, twist and how far to trust it.
+// Floor 1. What a tracker tells: pose, covariance, twist and how far to trust it.
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <limits>
 #include <optional>
 
 #include "evmarker/event.hpp"
+#include "evmarker/symmetric.hpp"
 
 namespace evmarker {
 
@@ -48,7 +48,8 @@ struct PoseEstimate {
   MarkerId id = 0;
   Timestamp t = 0;                                                    ///< [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
-  Matrix6d information = Matrix6d::Zero();  ///< inverse covariance; zero where the update rule estimates none
+  std::optional<Matrix6d> covariance =
+      std::nullopt;  ///< of the perturbation above [m^2, m rad; m rad, rad^2], where the update rule estimates one
   std::optional<Vector6d> twist =
       std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
   std::optional<double> edge_offset_px =
@@ -56,19 +57,13 @@ struct PoseEstimate {
   TrackingQuality quality;
 };
 
-/// Covariance [m^2, m rad, rad^2] from information, or nothing while a direction of motion is unobserved.
-inline std::optional<Matrix6d> covariance(const Matrix6d& information) {
-  // Metres and radians differ by the distance to the marker: scale to comparable units before judging the rank.
-  const Vector6d scale = information.diagonal().cwiseSqrt();
-  if (!(scale.minCoeff() > 0)) return std::nullopt;
-  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * information * scale.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
-  if (eigen.info() != Eigen::Success || !(eigen.eigenvalues()(0) > 1e-12)) return std::nullopt;
-  const Matrix6d inverse =
-      eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
-  return scale.cwiseInverse().asDiagonal() * inverse * scale.cwiseInverse().asDiagonal();
+/// Inverse covariance, for those who fuse poses; zero where there is none, or none that is positive definite.
+inline Matrix6d information(const PoseEstimate& pose) noexcept {
+  if (!pose.covariance) return Matrix6d::Zero();
+  Matrix6d inverse = *pose.covariance;
+  const bool positive = invert_lower(inverse);
+  mirror_lower(inverse);
+  return positive && inverse.allFinite() ? inverse : Matrix6d::Zero();
 }
-
-inline std::optional<Matrix6d> covariance(const PoseEstimate& pose) { return covariance(pose.information); }
 
 }  // namespace evmarker

@@ -33,7 +33,7 @@ concept MotionEstimatingRule = PoseUpdateRule<R> &&
   /// Moves the pose on to a later time without events; forgets what was collected.
   { rule.extrapolate(T_camera_marker, t) }
   noexcept;
-  { constant.information() } -> std::same_as<Matrix6d>;
+  { constant.covariance() } -> std::same_as<Matrix6d>;
   { constant.twist() } -> std::same_as<Vector6d>;
 };
 
@@ -43,7 +43,7 @@ PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t) noexcept {
   pose.t = t;
   if constexpr (MotionEstimatingRule<Rule>) {
     rule.extrapolate(pose.T_camera_marker, t);
-    pose.information = rule.information();
+    pose.covariance = rule.covariance();
     pose.twist = rule.twist();
   }
   return pose;

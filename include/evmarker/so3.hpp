@@ -69,17 +69,21 @@ inline Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& R) {
   return 0.5 * R * (3 * Eigen::Matrix3d::Identity() - R.transpose() * R);
 }
 
-/// `so3_exp(r) * R` for a step of many: rounding errors do not add up. The rotation is made orthonormal before the
-/// turn, not after it, so that who waits for the step does not wait for that.
-inline Eigen::Matrix3d rotated(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
-  const Eigen::Matrix3d S = orthonormalized(R);
+/// `so3_exp(r) * R`, without a matrix for the turn.
+inline Eigen::Matrix3d turned(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
   const auto [a, b] = detail::rodrigues(r.squaredNorm());
-  Eigen::Matrix3d turned;
+  Eigen::Matrix3d result;
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector3d moved = r.cross(S.col(i));
-    turned.col(i) = S.col(i) + a * moved + b * r.cross(moved);
+    const Eigen::Vector3d moved = r.cross(R.col(i));
+    result.col(i) = R.col(i) + a * moved + b * r.cross(moved);
   }
-  return turned;
+  return result;
+}
+
+/// The same for a step of many: rounding errors do not add up. The rotation is made orthonormal before the turn, not
+/// after it, so that who waits for the step does not wait for that.
+inline Eigen::Matrix3d rotated(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
+  return turned(orthonormalized(R), r);
 }
 
 }  // namespace evmarker

@@ -19,17 +19,17 @@ void mirror_lower(Eigen::Matrix<double, N, N>& A) noexcept {
   for_lower<N>([&](int i, int j) { A(j, i) = A(i, j); });
 }
 
-/// Turns the lower triangle into that of the inverse; the upper one is left alone. False if the matrix is not positive
-/// definite: then the numbers mean nothing.
+/// Turns the lower triangle of A into that of -A^-1; the upper one is left alone. False if the matrix is not definite
+/// of the given sign: then the numbers mean nothing.
 template <int N>
-bool invert_lower(Eigen::Matrix<double, N, N>& A) noexcept {
+bool sweep_lower(Eigen::Matrix<double, N, N>& A, double sign = 1) noexcept {
   // Gauss-Jordan, symmetric: each sweep exchanges one unknown with its right hand side. One division for a pivot is all
   // that the next one waits for; a Cholesky decomposition has a root besides, and two triangular solves to come.
-  bool positive = true;
+  bool definite = true;
 #pragma GCC unroll 8
   for (int k = 0; k < N; ++k) {
     const double pivot = A(k, k), inverse = 1 / pivot;
-    positive = positive && pivot > 0;
+    definite = definite && sign * pivot > 0;
     Eigen::Matrix<double, N, 1> u, v;  // the pivot's column, and divided by the pivot
 #pragma GCC unroll 8
     for (int i = 0; i < N; ++i) u(i) = i < k ? A(k, i) : A(i, k);
@@ -42,6 +42,13 @@ bool invert_lower(Eigen::Matrix<double, N, N>& A) noexcept {
     for (int i = 0; i < N; ++i) (i < k ? A(k, i) : A(i, k)) = v(i);
     A(k, k) = -inverse;
   }
+  return definite;
+}
+
+/// The same for the inverse itself of a positive definite matrix.
+template <int N>
+bool invert_lower(Eigen::Matrix<double, N, N>& A) noexcept {
+  const bool positive = sweep_lower(A);
   for_lower<N>([&](int i, int j) { A(i, j) = -A(i, j); });
   return positive;
 }

@@ -136,9 +136,7 @@ class Verification {
   // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so.
   static void expect(const EdgeFollower<Rule>& forward, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
-      const auto P = covariance(forward.rule().information());
-      if (!P) return;
-      const Vector6d sigma = P->diagonal().cwiseSqrt();
+      const Vector6d sigma = forward.rule().covariance().diagonal().cwiseSqrt();
       const double depth = forward.T_camera_marker().translation().z();
       error.expected_px = sigma.head<2>().sum() * forward.matcher().focal_length() / depth;
       error.expected_rad = sigma.tail<3>().sum();

@@ -89,7 +89,7 @@ class PoseCsvWriter {
   static void append_motion(std::string& text, const PoseEstimate& pose) {
     constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
     const Vector6d twist = pose.twist.value_or(Vector6d::Constant(kUnknown));
-    const Matrix6d P = covariance(pose).value_or(Matrix6d::Constant(kUnknown));
+    const Matrix6d P = pose.covariance.value_or(Matrix6d::Constant(kUnknown));
     const auto append = [&](double value) {
       text += ',';
       append_number(text, value);
