@@ -75,7 +75,7 @@ class EdgeFollower {
       if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
     correspondence.t = t;
     rule_.add(correspondence, T_camera_marker_);
-    squared_px_ += correspondence.distance_px * correspondence.distance_px;
+    squared_px_ += correspondence.squared_px;
     if (++matched_ < events_per_update_) return {match, false, correspondence.segment};
     return {match, update(t), correspondence.segment};
   }

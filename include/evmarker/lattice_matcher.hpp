@@ -31,6 +31,14 @@ class LatticeMatcher {
         near_reach_(std::hypot(3 * max_distance_, end_margin_)) {
     if (!(settings.ambiguity_px > 1e-6))
       lattice_.reset();  // ties, which rounding decides there, would have to be decided alike
+    if (!lattice_) return;
+    centre_ = lattice_->cells() / 2.0;
+    stretches_of_line_ = lattice_->stretches_of_line();
+    first_stretch_ = {2.0, 2.0 + (lattice_->cells() + 1) * stretches_of_line_};
+    limit2_ = max_distance_ * max_distance_;
+    // (sqrt(b) + ambiguity)^2 is at most this times b and this more, closest half way to the maximal distance.
+    rival_factor_ = 1 + 2 * ambiguity_ / max_distance_;
+    rival_offset_ = ambiguity_ * (max_distance_ / 2 + ambiguity_);
   }
 
   /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
@@ -42,40 +50,47 @@ class LatticeMatcher {
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     if (!on_lattice_) return search(m, correspondence);
-    const int cells = lattice_->cells();
-    const Sight sight = {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
-                         row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
-    // How far the event is outside of the marker, the farther of both coordinates.
-    const Eigen::Array2d outside = (-sight.a).max(sight.a - cells * sight.w);
-    if (!(std::max(outside.x(), outside.y()) < fringe_ * sight.w)) return MatchResult::far;
+    const Eigen::Array2d a = rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2);
+    const double w = row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z();
+    const Eigen::Array2d place = a / w;
+    if (!(w > 0 && (place - centre_).abs().maxCoeff() < centre_ + fringe_)) return MatchResult::far;
 
     // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
-    const Eigen::Array2d k = (sight.a / sight.w).max(0.0).min(static_cast<double>(cells)).rint();
-    const Eigen::Array2d e = sight.a - k * sight.w;
-    const Eigen::Array2d normal_x = rows_.col(0) - k * row_w_.x(), normal_y = rows_.col(1) - k * row_w_.y();
-    const Eigen::Array2d norm2 = normal_x.square() + normal_y.square();
-    const Eigen::Array2d e2 = e.square();
+    Lines lines;
+    lines.k = rounded(place.max(0.0).min(2 * centre_));
+    lines.e = a - lines.k * w;
+    lines.normal_x = rows_.col(0) - lines.k * row_w_.x();
+    lines.normal_y = rows_.col(1) - lines.k * row_w_.y();
+    lines.norm2 = lines.normal_x.square() + lines.normal_y.square();
+    lines.squared = lines.e.square() / lines.norm2;
 
-    // The nearer of them first, without a branch: which it is cannot be predicted.
-    const Eigen::Index first = e2.y() * norm2.x() < e2.x() * norm2.y(), second = 1 - first;
-    const auto line = [&](Eigen::Index i) -> Line { return {i, k(i), e(i), {normal_x(i), normal_y(i)}, norm2(i)}; };
-    const double limit2 = max_distance_ * max_distance_;
-    if (!(e2(first) <= limit2 * norm2(first))) return near_or_far(sight);
-    const Line best = line(first);
-    const Place place = place_on(best, sight);
-    if (!place.edge) {
-      if (!(e2(second) <= limit2 * norm2(second))) return near_or_far(sight);
-      const Line other = line(second);
-      const Place other_place = place_on(other, sight);
-      if (!other_place.edge) return near_or_far(sight);
-      return other_place.tie ? MatchResult::ambiguous
-                             : correspond(other, 1 / std::sqrt(other.norm2), *other_place.edge, m, correspondence);
+    // Homogeneous coordinates along the lines, of the event's feet m - e / norm2 normal.
+    const Eigen::Array2d along = lines.norm2 * a.reverse() -
+                                 lines.e * (along_x_ * lines.normal_x + along_y_ * lines.normal_y);
+    const Eigen::Array2d foot_w =
+        lines.norm2 * w - lines.e * (row_w_.x() * lines.normal_x + row_w_.y() * lines.normal_y);
+    const Eigen::Array2d foot = (along / foot_w).max(-0.5).min(2 * centre_ + 0.5);
+    // In a cell, both of these are its number; around a lattice point, they differ by one: no branch for the ends.
+    const Eigen::Array2d number = rounded(foot - before_) + rounded(foot - behind_);
+    const Eigen::Array2d index = lines.k * stretches_of_line_ + number + first_stretch_;
+    const CellLattice::Stretch* const stretches = lattice_->stretches();
+    const CellLattice::Stretch* const found[2] = {stretches + static_cast<int>(index(0)),
+                                                  stretches + static_cast<int>(index(1))};
+
+    const double at_most_x = std::max(lines.squared(0), found[0]->at_most);
+    const double at_most_y = std::max(lines.squared(1), found[1]->at_most);
+    const double at_least_x = std::max(lines.squared(0), found[0]->at_least);
+    const double at_least_y = std::max(lines.squared(1), found[1]->at_least);
+    const double best = std::min(at_most_x, at_most_y), other = std::max(at_least_x, at_least_y);
+    Eigen::Index coordinate = at_most_y < at_most_x;
+    const CellLattice::Stretch* edge = found[coordinate];
+    if (!(best <= limit2_ && other > rival_factor_ * best + rival_offset_ && foot_w.minCoeff() > 0)) [[unlikely]] {
+      const Decision decision = decide({a, w}, lines);
+      if (decision.result != MatchResult::matched) return decision.result;
+      coordinate = decision.coordinate;
+      edge = decision.edge;
     }
-    const double inverse_norm = 1 / std::sqrt(best.norm2);
-    const double rival = std::abs(best.e) * inverse_norm + ambiguity_;
-    if (place.tie || (e2(second) < rival * rival * norm2(second) && place_on(line(second), sight).edge))
-      return MatchResult::ambiguous;
-    return correspond(best, inverse_norm, *place.edge, m, correspondence);
+    return correspond(lines, coordinate, *edge, m, correspondence);
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
@@ -109,14 +124,33 @@ class LatticeMatcher {
     double w;
   };
 
-  // A lattice line in the image: its equation's value at the event, and normal toward larger coordinates.
+  // The two lattice lines that are nearest to an event: element 0 of all is about the vertical one.
+  struct Lines {
+    Eigen::Array2d k, e;                // which, and its equation's value at the event
+    Eigen::Array2d normal_x, normal_y;  // toward larger coordinates, not of unit length
+    Eigen::Array2d norm2, squared;      // squared length of it, and distance as a tangent
+  };
+
+  // One of them.
   struct Line {
     Eigen::Index coordinate;
     double k;
     double e;
-    Eigen::Vector2d normal;  // not of unit length
+    Eigen::Vector2d normal;
     double norm2;
   };
+
+  struct Decision {
+    MatchResult result;
+    Eigen::Index coordinate = 0;
+    const CellLattice::Stretch* edge = nullptr;
+  };
+
+  // To the nearest integer. Only additions: without SSE 4.1 there is no instruction for it.
+  static Eigen::Array2d rounded(const Eigen::Array2d& x) noexcept {
+    constexpr double kNoFractions = 0x1.8p52;
+    return (x + kNoFractions) - kNoFractions;
+  }
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     Correspondence found;  // not the caller's: that one need not be in memory
@@ -127,11 +161,11 @@ class LatticeMatcher {
 
   // What lies where the event's foot is on a line.
   struct Place {
-    const CellLattice::Edge* edge = nullptr;  // none: the event is not beside an edge
+    const CellLattice::Stretch* edge = nullptr;  // none: the event is not beside an edge
     bool tie = false;                         // two edges, dark on different sides, meet there
   };
 
-  [[gnu::always_inline]] Place place_on(const Line& line, const Sight& sight) const noexcept {
+  Place place_on(const Line& line, const Sight& sight) const noexcept {
     const Eigen::Index along = 1 - line.coordinate;
     // Homogeneous: of m - e / norm2 normal.
     const double a =
@@ -140,7 +174,7 @@ class LatticeMatcher {
     if (!(w > 0)) return {};  // beyond the horizon
     const double foot = std::min(std::max(-0.5, a / w), lattice_->cells() + 0.5);
     const int cell = static_cast<int>(foot + 1) - 1;
-    const CellLattice::Edge& edge = lattice_->edge(line.coordinate, static_cast<int>(line.k), cell);
+    const CellLattice::Stretch& edge = lattice_->stretch(line.coordinate, static_cast<int>(line.k), cell);
     const double past_point = foot - cell;
     if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
       return place_at_end(line, a, w, cell + (past_point > 0.5));
@@ -148,10 +182,10 @@ class LatticeMatcher {
   }
 
   // Near a lattice point, where an edge may end: it reaches beyond its end by the margin.
-  [[gnu::noinline]] Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
-    const CellLattice::Edge* before = &lattice_->edge(line.coordinate, static_cast<int>(line.k), point - 1);
-    const CellLattice::Edge* behind = before + 1;
-    const auto on = [](const CellLattice::Edge* edge) { return edge->dark != 0 ? edge : nullptr; };
+  Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
+    const CellLattice::Stretch* before = &lattice_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
+    const CellLattice::Stretch* behind = &lattice_->stretch(line.coordinate, static_cast<int>(line.k), point);
+    const auto on = [](const CellLattice::Stretch* edge) { return edge->dark != 0 ? edge : nullptr; };
     if (before->segment == behind->segment) return {on(behind), false};
     const double z = steps_(2, line.coordinate) * line.k + steps_(2, 1 - line.coordinate) * point + h0_.z();
     const double beyond = a - point * w, margin = end_margin_ * determinant_ * z;
@@ -174,20 +208,42 @@ class LatticeMatcher {
     return MatchResult::far;
   }
 
+  // Everything that is not plain: an event that is near two edges, an end of one, or none.
+  [[gnu::noinline]] Decision decide(const Sight& sight, const Lines& lines) const noexcept {
+    const double limit2 = max_distance_ * max_distance_;
+    const Eigen::Index first = lines.squared.y() < lines.squared.x(), second = 1 - first;
+    const auto line = [&](Eigen::Index i) -> Line {
+      return {i, lines.k(i), lines.e(i), {lines.normal_x(i), lines.normal_y(i)}, lines.norm2(i)};
+    };
+    if (!(lines.squared(first) <= limit2)) return {near_or_far(sight)};
+    const Place place = place_on(line(first), sight);
+    if (!place.edge) {
+      if (!(lines.squared(second) <= limit2)) return {near_or_far(sight)};
+      const Place other = place_on(line(second), sight);
+      if (!other.edge) return {near_or_far(sight)};
+      return {other.tie ? MatchResult::ambiguous : MatchResult::matched, second, other.edge};
+    }
+    const double rival = std::sqrt(lines.squared(first)) + ambiguity_;
+    if (place.tie || (lines.squared(second) < rival * rival && place_on(line(second), sight).edge))
+      return {MatchResult::ambiguous};
+    return {MatchResult::matched, first, place.edge};
+  }
+
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  [[gnu::always_inline]] MatchResult correspond(const Line& line, double inverse_norm, const CellLattice::Edge& edge,
+  [[gnu::always_inline]] MatchResult correspond(const Lines& lines, Eigen::Index i, const CellLattice::Stretch& edge,
                                                 const Eigen::Vector2d& m, Correspondence& c) const noexcept {
     const Eigen::Vector3d M(m.x(), m.y(), 1);
-    const Eigen::Vector3d D = steps_.col(1 - line.coordinate), B = h0_ + line.k * steps_.col(line.coordinate);
-    const double MM = M.squaredNorm(), MD = M.dot(D), DD = D.squaredNorm(), MB = M.dot(B), DB = D.dot(B);
+    const double k = lines.k(i);
+    const Eigen::Vector3d D = steps_.col(1 - i), B = h0_ + k * steps_.col(i);
+    const double MM = M.squaredNorm(), MD = M.dot(D), DD = DD_(i), MB = M.dot(B), DB = D_h0_(i) + k * steps_dot_;
     const double determinant = MM * DD - MD * MD;
     if (!(determinant > 1e-6 * MM * DD)) return MatchResult::near;  // the edge points at the camera: no constraint
-    const double a2 =
-        std::clamp((MD * MB - MM * DB) / determinant, static_cast<double>(edge.begin), static_cast<double>(edge.end));
+    const double a2 = std::min(std::max((MD * MB - MM * DB) / determinant, edge.begin), edge.end);
     c.segment = edge.segment;
-    const double toward_dark = edge.dark * inverse_norm;
-    c.distance_px = focal_length_ * toward_dark * line.e;  // Eq. (1)
-    c.normal = {toward_dark * line.normal.x(), toward_dark * line.normal.y()};
+    const double toward_dark = edge.dark / std::sqrt(lines.norm2(i));
+    c.distance_px = focal_length_ * toward_dark * lines.e(i);  // Eq. (1)
+    c.squared_px = focal_length_ * focal_length_ * lines.squared(i);
+    c.normal = {toward_dark * lines.normal_x(i), toward_dark * lines.normal_y(i)};
     c.dark_side_known = true;
     c.M = M;
     c.E = B + a2 * D;
@@ -212,6 +268,11 @@ class LatticeMatcher {
     determinant_ = row_w_.dot(h0_);
     if (!(determinant_ > 0)) return false;  // seen from behind
     rows_ << row_x.transpose(), row_y.transpose();
+    along_x_ = {row_y.x(), row_x.x()};
+    along_y_ = {row_y.y(), row_x.y()};
+    DD_ = {h_y.squaredNorm(), h_x.squaredNorm()};
+    D_h0_ = {h_y.dot(h0_), h_x.dot(h0_)};
+    steps_dot_ = h_x.dot(h_y);
     const double x = cells * h_x.z(), y = cells * h_y.z();
     const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
     const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
@@ -234,7 +295,9 @@ class LatticeMatcher {
   void bound_rate(double rate) noexcept {
     rate_ = rate;
     fringe_ = rate * near_reach_;
-    end_margin_cells_ = rate * end_margin_;
+    end_margin_cells_ = rate * end_margin_ + 1e-9;
+    before_ = 0.5 - end_margin_cells_;
+    behind_ = 0.5 + end_margin_cells_;
     fits_ = rate > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
 
@@ -252,6 +315,13 @@ class LatticeMatcher {
   Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
   Eigen::Vector3d row_w_{0, 0, 0};
   double determinant_ = 0;
+  Eigen::Array2d along_x_{0, 0}, along_y_{0, 0};  // first columns of the rows, the other way round
+  Eigen::Array2d DD_{0, 0}, D_h0_{0, 0};          // of the lines' directions D
+  double steps_dot_ = 0;
+  double centre_ = 0, stretches_of_line_ = 0;
+  Eigen::Array2d first_stretch_{0, 0};
+  double limit2_ = 0, rival_factor_ = 0, rival_offset_ = 0;
+  double before_ = 0, behind_ = 0;
   double rate_ = 0;              // at most so many cells in a unit of the tangent
   bool fits_ = false;            // so that two lines are enough for an event
   double end_margin_cells_ = 0;  // at most
