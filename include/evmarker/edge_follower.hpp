@@ -65,7 +65,7 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
-  Result push(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on = std::nullopt) noexcept {
+  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on = std::nullopt) noexcept {
     Correspondence correspondence;
     const MatchResult match = matcher_.match(m, correspondence);
     if (match == MatchResult::far) return {match, false};
@@ -130,7 +130,7 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  bool update(Timestamp t) noexcept {
+  [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     start_collecting();
     if (!rule_.update(T_camera_marker_, t)) {

@@ -20,7 +20,13 @@ class EventHistory {
     ring_.resize(std::bit_ceil(capacity));
   }
 
-  void push(const Event& event) noexcept { ring_[pushed_++ & (ring_.size() - 1)] = event; }
+  void push(const Event& event) noexcept {
+    Event& place = ring_[pushed_++ & (ring_.size() - 1)];
+    place.x = event.x;
+    place.y = event.y;
+    place.p = event.p;
+    place.t = event.t;
+  }
   void clear() noexcept { cleared_at_ = pushed_; }
 
   std::size_t capacity() const noexcept { return ring_.size(); }

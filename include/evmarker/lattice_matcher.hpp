@@ -49,15 +49,16 @@ class LatticeMatcher {
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) return search(m, correspondence);
+    if (!on_lattice_) [[unlikely]] return search(m, correspondence);
     const Eigen::Array2d a = rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2);
     const double w = row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z();
-    const Eigen::Array2d place = a / w;
-    if (!(w > 0 && (place - centre_).abs().maxCoeff() < centre_ + fringe_)) return MatchResult::far;
+    // How far the event is from the marker's centre, the farther of both coordinates. Without a division, since one
+    // cannot predict this and has to wait for it.
+    if (!((a - centre_ * w).abs().maxCoeff() < (centre_ + fringe_) * w)) return MatchResult::far;
 
     // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
     Lines lines;
-    lines.k = rounded(place.max(0.0).min(2 * centre_));
+    lines.k = rounded((a / w).max(0.0).min(2 * centre_));
     lines.e = a - lines.k * w;
     lines.normal_x = rows_.col(0) - lines.k * row_w_.x();
     lines.normal_y = rows_.col(1) - lines.k * row_w_.y();
@@ -91,6 +92,13 @@ class LatticeMatcher {
       edge = decision.edge;
     }
     return correspond(lines, coordinate, *edge, m, correspondence);
+  }
+
+  MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
+    Correspondence found;  // not the caller's: that one need not be in memory
+    const MatchResult result = segments_.match(m, found);
+    if (result == MatchResult::matched) correspondence = found;
+    return result;
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
@@ -150,13 +158,6 @@ class LatticeMatcher {
   static Eigen::Array2d rounded(const Eigen::Array2d& x) noexcept {
     constexpr double kNoFractions = 0x1.8p52;
     return (x + kNoFractions) - kNoFractions;
-  }
-
-  MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    Correspondence found;  // not the caller's: that one need not be in memory
-    const MatchResult result = segments_.match(m, found);
-    if (result == MatchResult::matched) correspondence = found;
-    return result;
   }
 
   // What lies where the event's foot is on a line.
@@ -232,22 +233,27 @@ class LatticeMatcher {
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
   [[gnu::always_inline]] MatchResult correspond(const Lines& lines, Eigen::Index i, const CellLattice::Stretch& edge,
                                                 const Eigen::Vector2d& m, Correspondence& c) const noexcept {
-    const Eigen::Vector3d M(m.x(), m.y(), 1);
-    const double k = lines.k(i);
-    const Eigen::Vector3d D = steps_.col(1 - i), B = h0_ + k * steps_.col(i);
-    const double MM = M.squaredNorm(), MD = M.dot(D), DD = DD_(i), MB = M.dot(B), DB = D_h0_(i) + k * steps_dot_;
-    const double determinant = MM * DD - MD * MD;
-    if (!(determinant > 1e-6 * MM * DD)) return MatchResult::near;  // the edge points at the camera: no constraint
-    const double a2 = std::min(std::max((MD * MB - MM * DB) / determinant, edge.begin), edge.end);
+    // Of both lines, so that nothing here waits for the choice of one.
+    const Eigen::Array2d Ms = steps_.row(0).transpose().array() * m.x() + steps_.row(1).transpose().array() * m.y() + steps_.row(2).transpose().array();
+    const double MM = m.x() * m.x() + m.y() * m.y() + 1, inverse_MM = 1 / MM;
+    const Eigen::Array2d MD = Ms.reverse(), MB = (h0_.x() * m.x() + h0_.y() * m.y() + h0_.z()) + lines.k * Ms,
+                         DB = D_h0_ + lines.k * steps_dot_;
+    const Eigen::Array2d determinant = MM * DD_ - MD.square(), foot = (MD * MB - MM * DB) / determinant;
+    if (!(determinant(i) > 1e-6 * MM * DD_(i))) return MatchResult::near;  // the edge points at the camera: no constraint
+    const double a2 = std::min(std::max(foot(i), edge.begin), edge.end);
     c.segment = edge.segment;
-    const double toward_dark = edge.dark / std::sqrt(lines.norm2(i));
+    const Eigen::Array2d norm = lines.norm2.sqrt();
+    const double toward_dark = edge.dark / norm(i);
     c.distance_px = focal_length_ * toward_dark * lines.e(i);  // Eq. (1)
     c.squared_px = focal_length_ * focal_length_ * lines.squared(i);
     c.normal = {toward_dark * lines.normal_x(i), toward_dark * lines.normal_y(i)};
     c.dark_side_known = true;
-    c.M = M;
-    c.E = B + a2 * D;
-    c.F = M.dot(c.E) / MM * M;
+    c.M = {m.x(), m.y(), 1};
+    const double k = lines.k(i);
+    const double *across = &steps_(0, i), *along = &steps_(0, 1 - i);
+    c.E = {h0_.x() + k * across[0] + a2 * along[0], h0_.y() + k * across[1] + a2 * along[1],
+           h0_.z() + k * across[2] + a2 * along[2]};
+    c.F = (MB(i) + a2 * MD(i)) * inverse_MM * c.M;
     const Eigen::Vector2d& n = c.normal;
     const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
     c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * c.E.x() + n.y() * c.E.y())};
