@@ -18,23 +18,25 @@ class EventHistory {
   explicit EventHistory(std::size_t capacity) {
     if (capacity == 0) throw std::invalid_argument("event history: capacity is 0");
     ring_.resize(std::bit_ceil(capacity));
+    mask_ = ring_.size() - 1;
   }
 
   void push(const Event& event) noexcept {
-    Event& place = ring_[pushed_++ & (ring_.size() - 1)];
+    Event& place = ring_[pushed_++ & mask_];
     place.x = event.x;
     place.y = event.y;
     place.p = event.p;
     place.t = event.t;
+    size_ += size_ <= mask_;
   }
-  void clear() noexcept { cleared_at_ = pushed_; }
+  void clear() noexcept { size_ = 0; }
 
-  std::size_t capacity() const noexcept { return ring_.size(); }
-  std::size_t size() const noexcept { return std::min<std::size_t>(pushed_ - cleared_at_, ring_.size()); }
-  bool full() const noexcept { return size() == ring_.size(); }
+  std::size_t capacity() const noexcept { return mask_ + 1; }
+  std::size_t size() const noexcept { return size_; }
+  bool full() const noexcept { return size_ > mask_; }
 
   /// Event `i`, 0 the oldest that is kept.
-  const Event& operator[](std::size_t i) const noexcept { return ring_[(pushed_ - size() + i) & (ring_.size() - 1)]; }
+  const Event& operator[](std::size_t i) const noexcept { return ring_[(pushed_ - size() + i) & mask_]; }
 
   /// How many events were ever pushed: a position in the stream to come back to.
   std::uint64_t pushed() const noexcept { return pushed_; }
@@ -45,13 +47,13 @@ class EventHistory {
   /// Calls `use(event)` for every event pushed since `pushed()` was `position` that is still kept, in order of arrival.
   template <typename Use>
   void for_each_since(std::uint64_t position, Use&& use) const {
-    for (std::uint64_t i = std::max(position, pushed_ - size()); i < pushed_; ++i) use(ring_[i & (ring_.size() - 1)]);
+    for (std::uint64_t i = std::max(position, pushed_ - size()); i < pushed_; ++i) use(ring_[i & mask_]);
   }
 
  private:
   std::vector<Event> ring_;
   std::uint64_t pushed_ = 0;
-  std::uint64_t cleared_at_ = 0;
+  std::size_t size_ = 0, mask_ = 0;
 };
 
 }  // namespace evmarker

@@ -253,7 +253,8 @@ class LatticeMatcher {
     const double *across = &steps_(0, i), *along = &steps_(0, 1 - i);
     c.E = {h0_.x() + k * across[0] + a2 * along[0], h0_.y() + k * across[1] + a2 * along[1],
            h0_.z() + k * across[2] + a2 * along[2]};
-    c.F = (MB(i) + a2 * MD(i)) * inverse_MM * c.M;
+    const double a1 = (MB(i) + a2 * MD(i)) * inverse_MM;
+    c.F = {a1 * m.x(), a1 * m.y(), a1};
     const Eigen::Vector2d& n = c.normal;
     const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
     c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * c.E.x() + n.y() * c.E.y())};
