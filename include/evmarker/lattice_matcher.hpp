@@ -242,8 +242,8 @@ class LatticeMatcher {
     if (!(determinant(i) > 1e-6 * MM * DD_(i))) return MatchResult::near;  // the edge points at the camera: no constraint
     const double a2 = std::min(std::max(foot(i), edge.begin), edge.end);
     c.segment = edge.segment;
-    const Eigen::Array2d norm = lines.norm2.sqrt();
-    const double toward_dark = edge.dark / norm(i);
+    const Eigen::Array2d by_norm = lines.norm2.sqrt().inverse();
+    const double toward_dark = edge.dark * by_norm(i);
     c.distance_px = focal_length_ * toward_dark * lines.e(i);  // Eq. (1)
     c.squared_px = focal_length_ * focal_length_ * lines.squared(i);
     c.normal = {toward_dark * lines.normal_x(i), toward_dark * lines.normal_y(i)};
