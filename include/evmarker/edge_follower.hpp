@@ -65,7 +65,8 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
-  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on = std::nullopt) noexcept {
+  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
+                                     std::optional<bool> on = std::nullopt) noexcept {
     Correspondence correspondence;
     const MatchResult match = matcher_.match(m, correspondence);
     if (match == MatchResult::far) return {match, false};

@@ -3,7 +3,10 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -32,9 +35,10 @@ class LatticeMatcher {
     if (!(settings.ambiguity_px > 1e-6))
       lattice_.reset();  // ties, which rounding decides there, would have to be decided alike
     if (!lattice_) return;
-    centre_ = lattice_->cells() / 2.0;
+    cells_ = lattice_->cells();
+    centre_ = cells_ / 2.0;
     stretches_of_line_ = lattice_->stretches_of_line();
-    first_stretch_ = {2.0, 2.0 + (lattice_->cells() + 1) * stretches_of_line_};
+    first_stretch_ = {2, 2 + (lattice_->cells() + 1) * stretches_of_line_};
     limit2_ = max_distance_ * max_distance_;
     // (sqrt(b) + ambiguity)^2 is at most this times b and this more, closest half way to the maximal distance.
     rival_factor_ = 1 + 2 * ambiguity_ / max_distance_;
@@ -49,49 +53,34 @@ class LatticeMatcher {
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) [[unlikely]] return search(m, correspondence);
+    if (!on_lattice_) [[unlikely]]
+      return search(m, correspondence);
     const Eigen::Array2d a = rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2);
     const double w = row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z();
-    // How far the event is from the marker's centre, the farther of both coordinates. Without a division, since one
-    // cannot predict this and has to wait for it.
+    // How far the event is from the marker's centre, the farther of both coordinates. Without a division: this is the
+    // one decision that cannot be foreseen, and what follows waits for it.
     if (!((a - centre_ * w).abs().maxCoeff() < (centre_ + fringe_) * w)) return MatchResult::far;
 
     // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
+    const Eigen::Array2d k_rounded = (a / w).max(0.0).min(cells_) + kRounding;
     Lines lines;
-    lines.k = rounded((a / w).max(0.0).min(2 * centre_));
+    lines.k = k_rounded - kRounding;
     lines.e = a - lines.k * w;
-    lines.normal_x = rows_.col(0) - lines.k * row_w_.x();
-    lines.normal_y = rows_.col(1) - lines.k * row_w_.y();
+    lines.normal_x = rows_.col(0) - lines.k * row_w_x_;
+    lines.normal_y = rows_.col(1) - lines.k * row_w_y_;
     lines.norm2 = lines.normal_x.square() + lines.normal_y.square();
     lines.squared = lines.e.square() / lines.norm2;
+    // Homogeneous coordinates along the lines of the event's feet on them, m - e / norm2 normal.
+    const Eigen::Array2d foot_a =
+        lines.norm2 * a.reverse() - lines.e * (along_x_ * lines.normal_x + along_y_ * lines.normal_y);
+    const Eigen::Array2d foot_w = lines.norm2 * w - lines.e * (row_w_x_ * lines.normal_x + row_w_y_ * lines.normal_y);
 
-    // Homogeneous coordinates along the lines, of the event's feet m - e / norm2 normal.
-    const Eigen::Array2d along = lines.norm2 * a.reverse() -
-                                 lines.e * (along_x_ * lines.normal_x + along_y_ * lines.normal_y);
-    const Eigen::Array2d foot_w =
-        lines.norm2 * w - lines.e * (row_w_.x() * lines.normal_x + row_w_.y() * lines.normal_y);
-    const Eigen::Array2d foot = (along / foot_w).max(-0.5).min(2 * centre_ + 0.5);
-    // In a cell, both of these are its number; around a lattice point, they differ by one: no branch for the ends.
-    const Eigen::Array2d number = rounded(foot - before_) + rounded(foot - behind_);
-    const Eigen::Array2d index = lines.k * stretches_of_line_ + number + first_stretch_;
-    const CellLattice::Stretch* const stretches = lattice_->stretches();
-    const CellLattice::Stretch* const found[2] = {stretches + static_cast<int>(index(0)),
-                                                  stretches + static_cast<int>(index(1))};
-
-    const double at_most_x = std::max(lines.squared(0), found[0]->at_most);
-    const double at_most_y = std::max(lines.squared(1), found[1]->at_most);
-    const double at_least_x = std::max(lines.squared(0), found[0]->at_least);
-    const double at_least_y = std::max(lines.squared(1), found[1]->at_least);
-    const double best = std::min(at_most_x, at_most_y), other = std::max(at_least_x, at_least_y);
-    Eigen::Index coordinate = at_most_y < at_most_x;
-    const CellLattice::Stretch* edge = found[coordinate];
-    if (!(best <= limit2_ && other > rival_factor_ * best + rival_offset_ && foot_w.minCoeff() > 0)) [[unlikely]] {
-      const Decision decision = decide({a, w}, lines);
-      if (decision.result != MatchResult::matched) return decision.result;
-      coordinate = decision.coordinate;
-      edge = decision.edge;
+    Choice choice;
+    if (!(foot_w.minCoeff() > 0 && choose(lines, k_rounded, foot_a / foot_w, choice))) [[unlikely]] {
+      choice = choose_carefully({a, w}, lines);
+      if (choice.result != MatchResult::matched) return choice.result;
     }
-    return correspond(lines, coordinate, *edge, m, correspondence);
+    return correspond(lines, choice, m, correspondence);
   }
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
@@ -148,22 +137,45 @@ class LatticeMatcher {
     double norm2;
   };
 
-  struct Decision {
-    MatchResult result;
+  // What becomes of an event, and the edge that it matches.
+  struct Choice {
+    MatchResult result = MatchResult::matched;
     Eigen::Index coordinate = 0;
     const CellLattice::Stretch* edge = nullptr;
   };
 
-  // To the nearest integer. Only additions: without SSE 4.1 there is no instruction for it.
-  static Eigen::Array2d rounded(const Eigen::Array2d& x) noexcept {
-    constexpr double kNoFractions = 0x1.8p52;
-    return (x + kNoFractions) - kNoFractions;
+  // The sum of a number and this ends in the bits of the nearest integer: SSE2 has no instruction for rounding, and
+  // the way through a conversion is longer.
+  static constexpr double kRounding = 0x1.8p52;
+  static int rounded(double sum) noexcept { return static_cast<int>(std::bit_cast<std::int64_t>(sum)); }
+
+  // The common case, four in five events of a marker, without a branch before the last: beside exactly one edge and
+  // far enough from others. False for anything else.
+  [[gnu::always_inline]] bool choose(const Lines& lines, const Eigen::Array2d& k_rounded, const Eigen::Array2d& foot,
+                                     Choice& choice) const noexcept {
+    const Eigen::Array2d clamped = foot.max(-0.5).min(cells_ + 0.5);
+    // In a cell, both of these are its number; around a lattice point, they differ by one.
+    const Eigen::Array2d number = (clamped - before_) + kRounding, other_number = (clamped - behind_) + kRounding;
+    const auto stretch = [&](Eigen::Index i) {
+      return lattice_->stretches() +
+             (first_stretch_[static_cast<std::size_t>(i)] + stretches_of_line_ * rounded(k_rounded(i)) +
+              rounded(number(i)) + rounded(other_number(i)));
+    };
+    const CellLattice::Stretch* const found[2] = {stretch(0), stretch(1)};
+    const double at_most[2] = {std::max(lines.squared(0), found[0]->at_most),
+                               std::max(lines.squared(1), found[1]->at_most)};
+    const double best = std::min(at_most[0], at_most[1]);
+    const double other =
+        std::max(std::max(lines.squared(0), found[0]->at_least), std::max(lines.squared(1), found[1]->at_least));
+    choice.coordinate = at_most[1] < at_most[0];
+    choice.edge = found[choice.coordinate];
+    return best <= limit2_ && other > rival_factor_ * best + rival_offset_;
   }
 
   // What lies where the event's foot is on a line.
   struct Place {
     const CellLattice::Stretch* edge = nullptr;  // none: the event is not beside an edge
-    bool tie = false;                         // two edges, dark on different sides, meet there
+    bool tie = false;                            // two edges, dark on different sides, meet there
   };
 
   Place place_on(const Line& line, const Sight& sight) const noexcept {
@@ -209,8 +221,8 @@ class LatticeMatcher {
     return MatchResult::far;
   }
 
-  // Everything that is not plain: an event that is near two edges, an end of one, or none.
-  [[gnu::noinline]] Decision decide(const Sight& sight, const Lines& lines) const noexcept {
+  // All other events: near two edges, an end of one, or none.
+  [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
     const double limit2 = max_distance_ * max_distance_;
     const Eigen::Index first = lines.squared.y() < lines.squared.x(), second = 1 - first;
     const auto line = [&](Eigen::Index i) -> Line {
@@ -231,15 +243,18 @@ class LatticeMatcher {
   }
 
   // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  [[gnu::always_inline]] MatchResult correspond(const Lines& lines, Eigen::Index i, const CellLattice::Stretch& edge,
-                                                const Eigen::Vector2d& m, Correspondence& c) const noexcept {
-    // Of both lines, so that nothing here waits for the choice of one.
-    const Eigen::Array2d Ms = steps_.row(0).transpose().array() * m.x() + steps_.row(1).transpose().array() * m.y() + steps_.row(2).transpose().array();
-    const double MM = m.x() * m.x() + m.y() * m.y() + 1, inverse_MM = 1 / MM;
-    const Eigen::Array2d MD = Ms.reverse(), MB = (h0_.x() * m.x() + h0_.y() * m.y() + h0_.z()) + lines.k * Ms,
-                         DB = D_h0_ + lines.k * steps_dot_;
-    const Eigen::Array2d determinant = MM * DD_ - MD.square(), foot = (MD * MB - MM * DB) / determinant;
-    if (!(determinant(i) > 1e-6 * MM * DD_(i))) return MatchResult::near;  // the edge points at the camera: no constraint
+  [[gnu::always_inline]] MatchResult correspond(const Lines& lines, const Choice& choice, const Eigen::Vector2d& m,
+                                                Correspondence& c) const noexcept {
+    const Eigen::Index i = choice.coordinate;
+    const CellLattice::Stretch& edge = *choice.edge;
+    // Of both lines, so that little of this waits for the choice of one.
+    const Eigen::Array2d MD = D_x_ * m.x() + D_y_ * m.y() + D_z_;
+    const double MM = m.x() * m.x() + m.y() * m.y() + 1, by_MM = 1 / MM;
+    const Eigen::Array2d MB = (h0_.x() * m.x() + h0_.y() * m.y() + h0_.z()) + lines.k * MD.reverse();
+    const Eigen::Array2d DB = D_h0_ + lines.k * steps_dot_, determinant = MM * DD_ - MD.square();
+    const Eigen::Array2d foot = (MD * MB - MM * DB) / determinant;
+    if (!(determinant(i) > 1e-6 * MM * DD_(i)))
+      return MatchResult::near;  // the edge points at the camera: no constraint
     const double a2 = std::min(std::max(foot(i), edge.begin), edge.end);
     c.segment = edge.segment;
     const Eigen::Array2d by_norm = lines.norm2.sqrt().inverse();
@@ -253,7 +268,7 @@ class LatticeMatcher {
     const double *across = &steps_(0, i), *along = &steps_(0, 1 - i);
     c.E = {h0_.x() + k * across[0] + a2 * along[0], h0_.y() + k * across[1] + a2 * along[1],
            h0_.z() + k * across[2] + a2 * along[2]};
-    const double a1 = (MB(i) + a2 * MD(i)) * inverse_MM;
+    const double a1 = (MB(i) + a2 * MD(i)) * by_MM;
     c.F = {a1 * m.x(), a1 * m.y(), a1};
     const Eigen::Vector2d& n = c.normal;
     const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
@@ -275,11 +290,16 @@ class LatticeMatcher {
     determinant_ = row_w_.dot(h0_);
     if (!(determinant_ > 0)) return false;  // seen from behind
     rows_ << row_x.transpose(), row_y.transpose();
+    row_w_x_.setConstant(row_w_.x());
+    row_w_y_.setConstant(row_w_.y());
+    D_x_ = {h_y.x(), h_x.x()};
+    D_y_ = {h_y.y(), h_x.y()};
+    D_z_ = {h_y.z(), h_x.z()};
     along_x_ = {row_y.x(), row_x.x()};
     along_y_ = {row_y.y(), row_x.y()};
     DD_ = {h_y.squaredNorm(), h_x.squaredNorm()};
     D_h0_ = {h_y.dot(h0_), h_x.dot(h0_)};
-    steps_dot_ = h_x.dot(h_y);
+    steps_dot_.setConstant(h_x.dot(h_y));
     const double x = cells * h_x.z(), y = cells * h_y.z();
     const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
     const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
@@ -303,8 +323,8 @@ class LatticeMatcher {
     rate_ = rate;
     fringe_ = rate * near_reach_;
     end_margin_cells_ = rate * end_margin_ + 1e-9;
-    before_ = 0.5 - end_margin_cells_;
-    behind_ = 0.5 + end_margin_cells_;
+    before_.setConstant(0.5 - end_margin_cells_);
+    behind_.setConstant(0.5 + end_margin_cells_);
     fits_ = rate > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
 
@@ -322,17 +342,20 @@ class LatticeMatcher {
   Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
   Eigen::Vector3d row_w_{0, 0, 0};
   double determinant_ = 0;
-  Eigen::Array2d along_x_{0, 0}, along_y_{0, 0};  // first columns of the rows, the other way round
-  Eigen::Array2d DD_{0, 0}, D_h0_{0, 0};          // of the lines' directions D
-  double steps_dot_ = 0;
-  double centre_ = 0, stretches_of_line_ = 0;
-  Eigen::Array2d first_stretch_{0, 0};
-  double limit2_ = 0, rival_factor_ = 0, rival_offset_ = 0;
-  double before_ = 0, behind_ = 0;
-  double rate_ = 0;              // at most so many cells in a unit of the tangent
-  bool fits_ = false;            // so that two lines are enough for an event
-  double end_margin_cells_ = 0;  // at most
-  double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
+  // What the two lines of an event are computed from, element 0 for the vertical one: the rows that count along them,
+  // row_w_ twice, and the coordinates and products of their directions D.
+  Eigen::Array2d along_x_{0, 0}, along_y_{0, 0}, row_w_x_{0, 0}, row_w_y_{0, 0};
+  Eigen::Array2d D_x_{0, 0}, D_y_{0, 0}, D_z_{0, 0}, DD_{0, 0}, D_h0_{0, 0}, steps_dot_{0, 0};
+  double cells_ = 0, centre_ = 0;
+  int stretches_of_line_ = 0;
+  std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
+  double limit2_ = 0;                   // max_distance_ squared
+  double rival_factor_ = 0, rival_offset_ = 0;
+  Eigen::Array2d before_{0, 0}, behind_{0, 0};  // half a cell less, and more, the margin at its ends
+  double rate_ = 0;                             // at most so many cells in a unit of the tangent
+  bool fits_ = false;                           // so that two lines are enough for an event
+  double end_margin_cells_ = 0;                 // at most
+  double fringe_ = 0;                           // how far outside of the marker an event may be near an edge [cells]
 };
 
 }  // namespace evmarker
