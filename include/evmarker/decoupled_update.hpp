@@ -72,27 +72,28 @@ class DecoupledUpdate {
     average(B_.z(), pull_z);
     const auto& T = T_camera_marker.translation();
     const double lever_x = E.x() - T.x(), lever_y = E.y() - T.y(), lever_z = E.z() - T.z();
+    average(lever2_, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
     average(Gamma_.x(), lever_y * pull_z - lever_z * pull_y);  // Eq. (11) with E for F
     average(Gamma_.y(), lever_z * pull_x - lever_x * pull_z);
     average(Gamma_.z(), lever_x * pull_y - lever_y * pull_x);
-    average(lever2_, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
     // The paper writes F where (L - I) F is always zero: nothing would ever move. The averages are not corrected for
     // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
-    Eigen::Matrix3d A;
-    A << 1 - L_[0], -L_[1], -L_[3], -L_[1], 1 - L_[2], -L_[4], -L_[3], -L_[4], 1 - L_[5];
-    const Eigen::Vector3d cofactors = A.col(1).cross(A.col(2));
-    const double determinant = A.col(0).dot(cofactors);
-    const Eigen::Vector3d A_inverse_B = Eigen::Vector3d(B_.dot(cofactors), B_.dot(A.col(2).cross(A.col(0))),
-                                                        B_.dot(A.col(0).cross(A.col(1)))) /
-                                        determinant;  // Cramer's rule
+    // A x = B by Cramer's rule, the six elements of A = I - mean L by hand: as matrices they would go through memory.
+    const double xx = 1 - L_[0], xy = -L_[1], yy = 1 - L_[2], xz = -L_[3], yz = -L_[4], zz = 1 - L_[5];
+    const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
+    const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
+    const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit2 =
         settings_.torque_length_unit_m ? *settings_.torque_length_unit_m * *settings_.torque_length_unit_m : lever2_;
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
-    const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * A_inverse_B;  // Eqs. (7), (10)
-    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;   // r = lambda_r Gamma
+    const double step = renewed_ * settings_.translation_gain / determinant;
+    const Eigen::Vector3d dT(step * (c_xx * B_.x() + c_xy * B_.y() + c_xz * B_.z()),  // Eqs. (7), (10)
+                             step * (c_xy * B_.x() + c_yy * B_.y() + c_yz * B_.z()),
+                             step * (c_xz * B_.x() + c_yz * B_.y() + c_zz * B_.z()));
+    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;  // r = lambda_r Gamma
     const Eigen::Vector3d T = T_camera_marker.translation() + dT;
     if (!(std::abs(determinant) > 1e-9 && std::isfinite(T.sum() + r.squaredNorm()))) return false;
     T_camera_marker.translation() = T;
@@ -112,8 +113,9 @@ class DecoupledUpdate {
   // events on nearly one line of sight must not be turned into a step along it.
   std::array<double, 6> L_{};  // mean of L, symmetric: xx, xy, yy, xz, yz, zz
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
+  double lever2_ =
+      0;  // running mean of |E - T|^2 [m^2]; here, so that what is stored in pairs is read in the same pairs
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
-  double lever2_ = 0;  // running mean of |E - T|^2 [m^2]
 };
 
 static_assert(PoseUpdateRule<DecoupledUpdate>);
