@@ -54,6 +54,7 @@ class DecoupledUpdate {
     renewed_ = std::min(1.0, events_per_update * w0);
   }
 
+  // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const double w0 = settings_.averaging_weight;
     const auto average = [w0](double& mean, double value) { mean += w0 * (value - mean); };
@@ -113,8 +114,7 @@ class DecoupledUpdate {
   // events on nearly one line of sight must not be turned into a step along it.
   std::array<double, 6> L_{};  // mean of L, symmetric: xx, xy, yy, xz, yz, zz
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
-  double lever2_ =
-      0;  // running mean of |E - T|^2 [m^2]; here, so that what is stored in pairs is read in the same pairs
+  double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
 };
 

@@ -65,6 +65,9 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
+  // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
+  // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
+  // be done. A quarter of the time.
   [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
                                      std::optional<bool> on = std::nullopt) noexcept {
     Correspondence correspondence;
@@ -131,6 +134,7 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
+  // Not inline: that takes registers from every event. 5 to 10 % faster at n = 100, 3 % slower at n = 1.
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     start_collecting();

@@ -21,6 +21,7 @@ class EventHistory {
     mask_ = ring_.size() - 1;
   }
 
+  // By members: an event that is in registers need not be written down to be copied as a whole.
   void push(const Event& event) noexcept {
     Event& place = ring_[pushed_++ & mask_];
     place.x = event.x;
