@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <limits>
+
 using evmarker::CellLattice;
 using evmarker::CodeBits;
 using evmarker::make_code_marker;
@@ -55,6 +57,39 @@ TEST_CASE("every border between a black and a white cell is an edge, dark on its
       }
     }
   CHECK(edges > 24);
+}
+
+TEST_CASE("a stretch tells of its cell, and around a lattice point only where no edge ends there") {
+  const auto lattice = CellLattice::of(make_code_marker(0.12, bits()));
+  REQUIRE(lattice);
+  const double infinity = std::numeric_limits<double>::infinity();
+  int ends = 0, in_the_middle = 0;
+  for (int coordinate = 0; coordinate < 2; ++coordinate)
+    for (int line = 0; line <= 6; ++line)
+      for (int cell = -1; cell <= 6; ++cell) {
+        const auto& edge = lattice->edge(coordinate, line, cell);
+        const auto& stretch = lattice->stretch(coordinate, line, cell);
+        CHECK(stretch.segment == edge.segment);
+        CHECK(stretch.dark == edge.dark);
+        CHECK(stretch.begin == edge.begin);
+        CHECK(stretch.end == edge.end);
+        CHECK(stretch.at_least == (edge.dark != 0 ? 0 : infinity));
+        CHECK(stretch.at_most == stretch.at_least);
+        if (cell == 6) continue;
+        const auto& point = *(&stretch + 1);
+        CHECK(&lattice->stretch(coordinate, line, cell + 1) == &point + 1);
+        if (lattice->edge(coordinate, line, cell + 1).segment == edge.segment) {
+          in_the_middle += edge.dark != 0;
+          CHECK(point.segment == edge.segment);
+          CHECK(point.at_most == stretch.at_most);
+        } else {
+          ++ends;
+          CHECK(point.at_least == 0);
+          CHECK(point.at_most == infinity);
+        }
+      }
+  CHECK(ends > 18);
+  CHECK(in_the_middle > 10);
 }
 
 TEST_CASE("a plain square is a lattice of one cell") {

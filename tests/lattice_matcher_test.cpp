@@ -71,9 +71,10 @@ struct Tally {
 
 bool agree(const Correspondence& a, const Correspondence& b) {
   return a.segment == b.segment && std::abs(a.distance_px - b.distance_px) < 1e-7 &&
-         (a.normal - b.normal).norm() < 1e-9 && a.dark_side_known == b.dark_side_known && (a.M - b.M).norm() == 0 &&
-         (a.E - b.E).norm() < 1e-9 * a.E.norm() && (a.F - b.F).norm() < 1e-9 * a.F.norm() &&
-         (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
+         std::abs(a.squared_px - b.distance_px * b.distance_px) < 1e-7 &&
+         std::abs(b.squared_px - b.distance_px * b.distance_px) < 1e-12 && (a.normal - b.normal).norm() < 1e-9 &&
+         a.dark_side_known == b.dark_side_known && (a.M - b.M).norm() == 0 && (a.E - b.E).norm() < 1e-9 * a.E.norm() &&
+         (a.F - b.F).norm() < 1e-9 * a.F.norm() && (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
 }
 
 void compare(const LatticeMatcher& lattice, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -24,6 +25,17 @@ class CellLattice {
     std::int16_t begin = 0, end = 0;  ///< where that segment begins and ends on the line [cells]
   };
 
+  /// A stretch of a line of which one answer holds: within one cell, or around a lattice point.
+  struct Stretch {
+    // The squared distance to the edge here is that to the line, but at least `at_least` and, if that is known at all,
+    // at most the greater of that and `at_most`: (0, 0) beside an edge, (inf, inf) where there is none, (0, inf) around
+    // a point where an edge ends.
+    double at_least = kNever, at_most = kNever;
+    double begin = 0, end = 0;  ///< as in Edge
+    std::int32_t segment = -1;
+    std::int32_t dark = 0;
+  };
+
   /// Nothing for a wireframe that does not lie, without overlaps and with known dark sides, on the lines of a lattice
   /// of `model.cells` by `model.cells` cells.
   static std::optional<CellLattice> of(const MarkerModel& model) {
@@ -37,6 +49,7 @@ class CellLattice {
     for (std::size_t i = 0; i < model.segments.size(); ++i)
       if (!lattice.add(model, i, edges)) return std::nullopt;
     lattice.edges_ = std::make_shared<const std::vector<Edge>>(std::move(edges));
+    lattice.stretches_ = std::make_shared<const std::vector<Stretch>>(lattice.all_stretches());
     return lattice;
   }
 
@@ -50,7 +63,34 @@ class CellLattice {
     return (*edges_)[index(coordinate, line, cell)];
   }
 
+  /// All stretches, by lines: of a line there are `stretches_of_line()`, beginning with that of cell -1, then around
+  /// point 0, cell 0, around point 1 and so on.
+  const Stretch* stretches() const noexcept { return stretches_->data(); }
+  int stretches_of_line() const noexcept { return 2 * cells_ + 3; }
+  /// Of the line's piece beside a cell.
+  const Stretch& stretch(Eigen::Index coordinate, int line, int cell) const noexcept {
+    return stretches()[(static_cast<int>(coordinate) * (cells_ + 1) + line) * stretches_of_line() + 2 * (cell + 1)];
+  }
+
  private:
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
+  std::vector<Stretch> all_stretches() const {
+    std::vector<Stretch> all;
+    for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate)
+      for (int line = 0; line <= cells_; ++line)
+        for (int cell = -1; cell <= cells_; ++cell) {
+          const Edge& here = edge(coordinate, line, cell);
+          const double distance = here.dark != 0 ? 0 : kNever;
+          all.push_back({distance, distance, static_cast<double>(here.begin), static_cast<double>(here.end),
+                         here.segment, here.dark});
+          if (cell == cells_) break;
+          const bool goes_on = here.segment == edge(coordinate, line, cell + 1).segment;
+          all.push_back(goes_on ? all.back() : Stretch{.at_least = 0});
+        }
+    return all;
+  }
+
   std::size_t index(Eigen::Index coordinate, int line, int cell) const noexcept {
     return (static_cast<std::size_t>(coordinate) * static_cast<std::size_t>(cells_ + 1) +
             static_cast<std::size_t>(line)) *
@@ -92,6 +132,7 @@ class CellLattice {
   int cells_ = 0;
   double cell_length_m_ = 0;
   std::shared_ptr<const std::vector<Edge>> edges_;
+  std::shared_ptr<const std::vector<Stretch>> stretches_;
 };
 
 }  // namespace evmarker

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -53,31 +54,47 @@ class DecoupledUpdate {
     renewed_ = std::min(1.0, events_per_update * w0);
   }
 
-  void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
+  // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
+  [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const double w0 = settings_.averaging_weight;
-    const Eigen::Vector3d lever = c.E - T_camera_marker.translation();
-    const Eigen::Vector3d pull = c.F - c.E;  // (L - I) E
-    const Eigen::Vector3d M_by_MM = 1 / c.M.squaredNorm() * c.M;
-    for (int i = 0; i < 3; ++i) L_.col(i) += w0 * (M_by_MM(i) * c.M - L_.col(i));  // Eqs. (6), (8): A = I - mean L
-    B_ += w0 * (pull - B_);                                                        // Eq. (9) with E for F, see below
-    Gamma_ += w0 * (lever.cross(pull) - Gamma_);                                   // Eq. (11) with E for F
-    lever2_ += w0 * (lever.squaredNorm() - lever2_);
+    const auto average = [w0](double& mean, double value) { mean += w0 * (value - mean); };
+    const Eigen::Vector3d &M = c.M, &E = c.E, &F = c.F;
+    const double by_MM = 1 / (M.x() * M.x() + M.y() * M.y() + M.z() * M.z());
+    const double x = by_MM * M.x(), y = by_MM * M.y(), z = by_MM * M.z();
+    average(L_[0], x * M.x());  // Eqs. (6), (8): A = I - mean L
+    average(L_[1], x * M.y());
+    average(L_[2], y * M.y());
+    average(L_[3], x * M.z());
+    average(L_[4], y * M.z());
+    average(L_[5], z * M.z());
+    const double pull_x = F.x() - E.x(), pull_y = F.y() - E.y(), pull_z = F.z() - E.z();  // (L - I) E
+    average(B_.x(), pull_x);  // Eq. (9) with E for F, see below
+    average(B_.y(), pull_y);
+    average(B_.z(), pull_z);
+    const auto& T = T_camera_marker.translation();
+    const double lever_x = E.x() - T.x(), lever_y = E.y() - T.y(), lever_z = E.z() - T.z();
+    average(lever2_, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
+    average(Gamma_.x(), lever_y * pull_z - lever_z * pull_y);  // Eq. (11) with E for F
+    average(Gamma_.y(), lever_z * pull_x - lever_x * pull_z);
+    average(Gamma_.z(), lever_x * pull_y - lever_y * pull_x);
     // The paper writes F where (L - I) F is always zero: nothing would ever move. The averages are not corrected for
     // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
-    const Eigen::Matrix3d A = Eigen::Matrix3d::Identity() - L_;
-    const Eigen::Vector3d cofactors = A.col(1).cross(A.col(2));
-    const double determinant = A.col(0).dot(cofactors);
-    const Eigen::Vector3d A_inverse_B = Eigen::Vector3d(B_.dot(cofactors), B_.dot(A.col(2).cross(A.col(0))),
-                                                        B_.dot(A.col(0).cross(A.col(1)))) /
-                                        determinant;  // Cramer's rule
+    // A x = B by Cramer's rule, the six elements of A = I - mean L by hand: as matrices they would go through memory.
+    const double xx = 1 - L_[0], xy = -L_[1], yy = 1 - L_[2], xz = -L_[3], yz = -L_[4], zz = 1 - L_[5];
+    const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
+    const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
+    const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit2 =
         settings_.torque_length_unit_m ? *settings_.torque_length_unit_m * *settings_.torque_length_unit_m : lever2_;
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
-    const Eigen::Vector3d dT = renewed_ * settings_.translation_gain * A_inverse_B;  // Eqs. (7), (10)
-    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;   // r = lambda_r Gamma
+    const double step = renewed_ * settings_.translation_gain / determinant;
+    const Eigen::Vector3d dT(step * (c_xx * B_.x() + c_xy * B_.y() + c_xz * B_.z()),  // Eqs. (7), (10)
+                             step * (c_xy * B_.x() + c_yy * B_.y() + c_yz * B_.z()),
+                             step * (c_xz * B_.x() + c_yz * B_.y() + c_zz * B_.z()));
+    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;  // r = lambda_r Gamma
     const Eigen::Vector3d T = T_camera_marker.translation() + dT;
     if (!(std::abs(determinant) > 1e-9 && std::isfinite(T.sum() + r.squaredNorm()))) return false;
     T_camera_marker.translation() = T;
@@ -95,10 +112,10 @@ class DecoupledUpdate {
   double renewed_ = 1;  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.
-  Eigen::Matrix3d L_ = Eigen::Matrix3d::Zero();
+  std::array<double, 6> L_{};  // mean of L, symmetric: xx, xy, yy, xz, yz, zz
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
+  double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
-  double lever2_ = 0;  // running mean of |E - T|^2 [m^2]
 };
 
 static_assert(PoseUpdateRule<DecoupledUpdate>);

@@ -65,7 +65,11 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
-  Result push(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on = std::nullopt) noexcept {
+  // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
+  // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
+  // be done. A quarter of the time.
+  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
+                                     std::optional<bool> on = std::nullopt) noexcept {
     Correspondence correspondence;
     const MatchResult match = matcher_.match(m, correspondence);
     if (match == MatchResult::far) return {match, false};
@@ -75,7 +79,7 @@ class EdgeFollower {
       if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
     correspondence.t = t;
     rule_.add(correspondence, T_camera_marker_);
-    squared_px_ += correspondence.distance_px * correspondence.distance_px;
+    squared_px_ += correspondence.squared_px;
     if (++matched_ < events_per_update_) return {match, false, correspondence.segment};
     return {match, update(t), correspondence.segment};
   }
@@ -130,7 +134,8 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  bool update(Timestamp t) noexcept {
+  // Not inline: that takes registers from every event. 5 to 10 % faster at n = 100, 3 % slower at n = 1.
+  [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     start_collecting();
     if (!rule_.update(T_camera_marker_, t)) {

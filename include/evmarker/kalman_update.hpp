@@ -54,7 +54,7 @@ class KalmanUpdate {
   }
 
   /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
-  void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
+  [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;

@@ -3,12 +3,14 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include "evmarker/cell_lattice.hpp"
+#include "evmarker/projected_lattice.hpp"
 #include "evmarker/segment_matcher.hpp"
 
 namespace evmarker {
@@ -28,63 +30,48 @@ class LatticeMatcher {
         end_margin_(settings.end_margin_px / focal_length),
         ambiguity_(settings.ambiguity_px / focal_length),
         match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
-        near_reach_(std::hypot(3 * max_distance_, end_margin_)) {
+        near_reach_(std::hypot(3 * max_distance_, end_margin_)),
+        limit2_(max_distance_ * max_distance_),
+        // (d + ambiguity)^2 is at most that factor times d^2 and the offset; they meet half way to the maximal
+        // distance.
+        rival_factor_(1 + 2 * ambiguity_ / max_distance_),
+        rival_offset_(ambiguity_ * (max_distance_ / 2 + ambiguity_)) {
     if (!(settings.ambiguity_px > 1e-6))
       lattice_.reset();  // ties, which rounding decides there, would have to be decided alike
+    if (!lattice_) return;
+    projected_ = ProjectedLattice(lattice_->cells(), lattice_->cell_length_m());
+    stretches_of_line_ = lattice_->stretches_of_line();
+    first_stretch_ = {2, 2 + (lattice_->cells() + 1) * stretches_of_line_};
   }
 
   /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    on_lattice_ = lattice_ && project_lattice(T_camera_marker);
+    on_lattice_ = lattice_ && projected_.project(T_camera_marker, near_reach_) && fits();
     return on_lattice_ || segments_.project(T_camera_marker);
   }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) return search(m, correspondence);
-    const int cells = lattice_->cells();
-    const Sight sight = {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
-                         row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
-    // How far the event is outside of the marker, the farther of both coordinates.
-    const Eigen::Array2d outside = (-sight.a).max(sight.a - cells * sight.w);
-    if (!(std::max(outside.x(), outside.y()) < fringe_ * sight.w)) return MatchResult::far;
-
-    // The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, both at once.
-    const Eigen::Array2d k = (sight.a / sight.w).max(0.0).min(static_cast<double>(cells)).rint();
-    const Eigen::Array2d e = sight.a - k * sight.w;
-    const Eigen::Array2d normal_x = rows_.col(0) - k * row_w_.x(), normal_y = rows_.col(1) - k * row_w_.y();
-    const Eigen::Array2d norm2 = normal_x.square() + normal_y.square();
-    const Eigen::Array2d e2 = e.square();
-
-    // The nearer of them first, without a branch: which it is cannot be predicted.
-    const Eigen::Index first = e2.y() * norm2.x() < e2.x() * norm2.y(), second = 1 - first;
-    const auto line = [&](Eigen::Index i) -> Line { return {i, k(i), e(i), {normal_x(i), normal_y(i)}, norm2(i)}; };
-    const double limit2 = max_distance_ * max_distance_;
-    if (!(e2(first) <= limit2 * norm2(first))) return near_or_far(sight);
-    const Line best = line(first);
-    const Place place = place_on(best, sight);
-    if (!place.edge) {
-      if (!(e2(second) <= limit2 * norm2(second))) return near_or_far(sight);
-      const Line other = line(second);
-      const Place other_place = place_on(other, sight);
-      if (!other_place.edge) return near_or_far(sight);
-      return other_place.tie ? MatchResult::ambiguous
-                             : correspond(other, 1 / std::sqrt(other.norm2), *other_place.edge, m, correspondence);
+    if (!on_lattice_) [[unlikely]]
+      return search(m, correspondence);
+    const Sight sight = projected_.sight(m);
+    if (!projected_.within(fringe_, sight)) return MatchResult::far;
+    const Lines lines = projected_.nearest_lines(sight);
+    Choice choice;
+    if (!choose(lines, choice)) [[unlikely]] {
+      choice = choose_carefully(sight, lines);
+      if (choice.result != MatchResult::matched) return choice.result;
     }
-    const double inverse_norm = 1 / std::sqrt(best.norm2);
-    const double rival = std::abs(best.e) * inverse_norm + ambiguity_;
-    if (place.tie || (e2(second) < rival * rival * norm2(second) && place_on(line(second), sight).edge))
-      return MatchResult::ambiguous;
-    return correspond(best, inverse_norm, *place.edge, m, correspondence);
+    return correspond(lines, choice, m, correspondence);
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
   Eigen::AlignedBox2d reach() const noexcept {
     if (!on_lattice_) return segments_.reach();
     Eigen::AlignedBox2d box;
-    for (const double x : {-fringe_, lattice_->cells() + fringe_})
-      for (const double y : {-fringe_, lattice_->cells() + fringe_}) {
-        const Eigen::Vector3d P = x * steps_.col(0) + y * steps_.col(1) + h0_;
+    for (const double x : {-fringe_, projected_.cells() + fringe_})
+      for (const double y : {-fringe_, projected_.cells() + fringe_}) {
+        const Eigen::Vector3d P = projected_.point(x, y);
         if (!(P.z() > 0)) return everywhere();
         box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
       }
@@ -101,21 +88,16 @@ class LatticeMatcher {
   bool on_lattice() const noexcept { return on_lattice_; }
 
  private:
-  static constexpr int kFringe = 2;  // cells around the marker over which the scale of the lattice is bounded
+  using Sight = ProjectedLattice::Sight;
+  using Lines = ProjectedLattice::Lines;
+  using Line = ProjectedLattice::Line;
+  using Stretch = CellLattice::Stretch;
 
-  // An event and its homogeneous lattice coordinates: (a, w) = H^-1 (m; 1).
-  struct Sight {
-    Eigen::Array2d a;
-    double w;
-  };
-
-  // A lattice line in the image: its equation's value at the event, and normal toward larger coordinates.
-  struct Line {
-    Eigen::Index coordinate;
-    double k;
-    double e;
-    Eigen::Vector2d normal;  // not of unit length
-    double norm2;
+  // What becomes of an event, and the edge that it matches.
+  struct Choice {
+    MatchResult result = MatchResult::matched;
+    Eigen::Index coordinate = 0;
+    const Stretch* edge = nullptr;
   };
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
@@ -125,137 +107,141 @@ class LatticeMatcher {
     return result;
   }
 
+  // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
+  // ends. No branch before the last, and that one can be foreseen. False for anything else.
+  [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
+    if (!(lines.foot_w.minCoeff() > 0)) [[unlikely]]
+      return false;  // beyond the horizon
+    const Eigen::Array2d foot = (lines.foot_a / lines.foot_w).max(-0.5).min(projected_.cells() + 0.5);
+    // In a cell, both of these are its number; around a lattice point, they differ by one.
+    const Eigen::Array2d number = (foot - before_) + ProjectedLattice::kRounding;
+    const Eigen::Array2d other_number = (foot - behind_) + ProjectedLattice::kRounding;
+    const auto stretch = [&](Eigen::Index i) {
+      const int line = ProjectedLattice::rounded(lines.k_sum(i)),
+                cell_or_point = ProjectedLattice::rounded(number(i)) + ProjectedLattice::rounded(other_number(i));
+      return lattice_->stretches() +
+             (first_stretch_[static_cast<std::size_t>(i)] + stretches_of_line_ * line + cell_or_point);
+    };
+    const Stretch* const found[2] = {stretch(0), stretch(1)};
+    const double at_most[2] = {std::max(lines.squared(0), found[0]->at_most),
+                               std::max(lines.squared(1), found[1]->at_most)};
+    const double best = std::min(at_most[0], at_most[1]);
+    const double other =
+        std::max(std::max(lines.squared(0), found[0]->at_least), std::max(lines.squared(1), found[1]->at_least));
+    choice.coordinate = at_most[1] < at_most[0];
+    choice.edge = found[choice.coordinate];
+    return best <= limit2_ && other > rival_factor_ * best + rival_offset_;
+  }
+
+  // All other events: near two edges, an end of one, or none.
+  [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
+    const Eigen::Index first = lines.squared.y() < lines.squared.x(), second = 1 - first;
+    if (!(lines.squared(first) <= limit2_)) return {near_or_far(sight)};
+    const Place place = place_on(ProjectedLattice::line(lines, first));
+    if (!place.edge) {
+      if (!(lines.squared(second) <= limit2_)) return {near_or_far(sight)};
+      const Place other = place_on(ProjectedLattice::line(lines, second));
+      if (!other.edge) return {near_or_far(sight)};
+      return {other.tie ? MatchResult::ambiguous : MatchResult::matched, second, other.edge};
+    }
+    const double rival = std::sqrt(lines.squared(first)) + ambiguity_;
+    if (place.tie || (lines.squared(second) < rival * rival && place_on(ProjectedLattice::line(lines, second)).edge))
+      return {MatchResult::ambiguous};
+    return {MatchResult::matched, first, place.edge};
+  }
+
   // What lies where the event's foot is on a line.
   struct Place {
-    const CellLattice::Edge* edge = nullptr;  // none: the event is not beside an edge
-    bool tie = false;                         // two edges, dark on different sides, meet there
+    const Stretch* edge = nullptr;  // none: the event is not beside an edge
+    bool tie = false;               // two edges, dark on different sides, meet there
   };
 
-  [[gnu::always_inline]] Place place_on(const Line& line, const Sight& sight) const noexcept {
-    const Eigen::Index along = 1 - line.coordinate;
-    // Homogeneous: of m - e / norm2 normal.
-    const double a =
-        line.norm2 * sight.a(along) - line.e * (rows_(along, 0) * line.normal.x() + rows_(along, 1) * line.normal.y());
-    const double w = line.norm2 * sight.w - line.e * (row_w_.x() * line.normal.x() + row_w_.y() * line.normal.y());
-    if (!(w > 0)) return {};  // beyond the horizon
-    const double foot = std::min(std::max(-0.5, a / w), lattice_->cells() + 0.5);
+  Place place_on(const Line& line) const noexcept {
+    if (!(line.foot_w > 0)) return {};  // beyond the horizon
+    const double foot = std::min(std::max(-0.5, line.foot_a / line.foot_w), projected_.cells() + 0.5);
     const int cell = static_cast<int>(foot + 1) - 1;
-    const CellLattice::Edge& edge = lattice_->edge(line.coordinate, static_cast<int>(line.k), cell);
     const double past_point = foot - cell;
     if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
-      return place_at_end(line, a, w, cell + (past_point > 0.5));
-    return {edge.dark != 0 ? &edge : nullptr, false};
+      return place_at_end(line, cell + (past_point > 0.5));
+    return {on(lattice_->stretch(line.coordinate, static_cast<int>(line.k), cell)), false};
   }
 
   // Near a lattice point, where an edge may end: it reaches beyond its end by the margin.
-  [[gnu::noinline]] Place place_at_end(const Line& line, double a, double w, int point) const noexcept {
-    const CellLattice::Edge* before = &lattice_->edge(line.coordinate, static_cast<int>(line.k), point - 1);
-    const CellLattice::Edge* behind = before + 1;
-    const auto on = [](const CellLattice::Edge* edge) { return edge->dark != 0 ? edge : nullptr; };
-    if (before->segment == behind->segment) return {on(behind), false};
-    const double z = steps_(2, line.coordinate) * line.k + steps_(2, 1 - line.coordinate) * point + h0_.z();
-    const double beyond = a - point * w, margin = end_margin_ * determinant_ * z;
-    if (!(beyond * beyond <= margin * margin * line.norm2)) return {on(beyond < 0 ? before : behind), false};
-    return {on(before) ? before : on(behind), on(before) && on(behind)};
+  Place place_at_end(const Line& line, int point) const noexcept {
+    const Stretch& before = lattice_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
+    const Stretch& behind = lattice_->stretch(line.coordinate, static_cast<int>(line.k), point);
+    if (before.segment == behind.segment) return {on(behind), false};
+    const double beyond = line.foot_a - point * line.foot_w;
+    if (!(std::abs(beyond) <= projected_.at_point(line, point, end_margin_)))
+      return {on(beyond < 0 ? before : behind), false};
+    return {on(before) ? on(before) : on(behind), on(before) && on(behind)};
   }
+
+  static const Stretch* on(const Stretch& stretch) noexcept { return stretch.dark != 0 ? &stretch : nullptr; }
 
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
   [[gnu::noinline]] MatchResult near_or_far(const Sight& sight) const noexcept {
-    const double reach2 = 9 * max_distance_ * max_distance_;
     for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
-      const double to = std::min<double>(lattice_->cells(), sight.a(coordinate) / sight.w + fringe_);
+      const double to = std::min(projected_.cells(), sight.a(coordinate) / sight.w + fringe_);
       for (double k = from; k <= to; ++k) {
-        const Eigen::Vector2d normal(rows_(coordinate, 0) - k * row_w_.x(), rows_(coordinate, 1) - k * row_w_.y());
-        const Line line = {coordinate, k, sight.a(coordinate) - k * sight.w, normal, normal.squaredNorm()};
-        if (line.e * line.e < reach2 * line.norm2 && place_on(line, sight).edge) return MatchResult::near;
+        const Line line = projected_.line(coordinate, k, sight);
+        if (line.squared < 9 * limit2_ && place_on(line).edge) return MatchResult::near;
       }
     }
     return MatchResult::far;
   }
 
-  // Eq. (5) on the line B + a2 D of the marker: D along the line, a cell long, B on its zero.
-  [[gnu::always_inline]] MatchResult correspond(const Line& line, double inverse_norm, const CellLattice::Edge& edge,
-                                                const Eigen::Vector2d& m, Correspondence& c) const noexcept {
-    const Eigen::Vector3d M(m.x(), m.y(), 1);
-    const Eigen::Vector3d D = steps_.col(1 - line.coordinate), B = h0_ + line.k * steps_.col(line.coordinate);
-    const double MM = M.squaredNorm(), MD = M.dot(D), DD = D.squaredNorm(), MB = M.dot(B), DB = D.dot(B);
-    const double determinant = MM * DD - MD * MD;
-    if (!(determinant > 1e-6 * MM * DD)) return MatchResult::near;  // the edge points at the camera: no constraint
-    const double a2 =
-        std::clamp((MD * MB - MM * DB) / determinant, static_cast<double>(edge.begin), static_cast<double>(edge.end));
-    c.segment = edge.segment;
-    const double toward_dark = edge.dark * inverse_norm;
-    c.distance_px = focal_length_ * toward_dark * line.e;  // Eq. (1)
-    c.normal = {toward_dark * line.normal.x(), toward_dark * line.normal.y()};
+  [[gnu::always_inline]] MatchResult correspond(const Lines& lines, const Choice& choice, const Eigen::Vector2d& m,
+                                                Correspondence& c) const noexcept {
+    const Eigen::Index i = choice.coordinate;
+    const auto [E, F, exists] = projected_.nearest_points(lines, i, choice.edge->begin, choice.edge->end, m);
+    if (!exists) return MatchResult::near;  // the edge points at the camera: no constraint
+    const Eigen::Array2d by_norm = lines.norm2.sqrt().inverse();
+    const double toward_dark = choice.edge->dark * by_norm(i);
+    c.segment = choice.edge->segment;
+    c.distance_px = focal_length_ * toward_dark * lines.e(i);  // Eq. (1)
+    c.squared_px = focal_length_ * focal_length_ * lines.squared(i);
+    c.normal = {toward_dark * lines.normal_x(i), toward_dark * lines.normal_y(i)};
     c.dark_side_known = true;
-    c.M = M;
-    c.E = B + a2 * D;
-    c.F = M.dot(c.E) / MM * M;
+    c.M = {m.x(), m.y(), 1};
+    c.E = E;
+    c.F = F;
     const Eigen::Vector2d& n = c.normal;
-    const double inverse_z = 1 / c.E.z(), scale = focal_length_ * inverse_z;
-    c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * c.E.x() + n.y() * c.E.y())};
+    const double inverse_z = 1 / E.z(), scale = focal_length_ * inverse_z;
+    c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * E.x() + n.y() * E.y())};
     return MatchResult::matched;
   }
 
-  // The homography and its inverse (times its determinant). False where two lines may not be enough for an event.
-  bool project_lattice(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const auto& R = T_camera_marker.linear();
-    const double cell = lattice_->cell_length_m();
-    const int cells = lattice_->cells();
-    steps_ << cell * R.col(0), -cell * R.col(1);
-    const Eigen::Vector3d h_x = steps_.col(0), h_y = steps_.col(1);
-    h0_ = T_camera_marker.translation() - 0.5 * cells * (h_x + h_y);
-    const Eigen::Vector3d row_x = h_y.cross(h0_);
-    const Eigen::Vector3d row_y = h0_.cross(h_x);
-    row_w_ = h_x.cross(h_y);
-    determinant_ = row_w_.dot(h0_);
-    if (!(determinant_ > 0)) return false;  // seen from behind
-    rows_ << row_x.transpose(), row_y.transpose();
-    const double x = cells * h_x.z(), y = cells * h_y.z();
-    const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
-    const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
-    if (!(z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum()))) return false;
-
-    // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
-    const double w = determinant_ - near_reach_ * z_far * row_w_.head<2>().lpNorm<1>();
-    // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
-    const auto steepest = [&](double k) {
-      return ((rows_.col(0) - k * row_w_.x()).square() + (rows_.col(1) - k * row_w_.y()).square()).maxCoeff();
-    };
-    const double squared = z_far * z_far * std::max(steepest(-kFringe), steepest(cells + kFringe));
-    // The bound leaves room for small motions, so that it need not be computed, with a root and a division, every time.
-    const double squared_bound = rate_ * rate_ * w * w;
-    if (!(w > 0 && squared <= squared_bound && squared_bound <= 1.3 * squared))
-      bound_rate(1.05 * std::sqrt(squared) / w);
+  // Whether two lines are enough for an event.
+  bool fits() noexcept {
+    if (projected_.rate() == rate_) return fits_;
+    rate_ = projected_.rate();
+    fringe_ = rate_ * near_reach_;
+    end_margin_cells_ = rate_ * end_margin_ + 1e-9;  // so that rounding cannot miss an end
+    before_.setConstant(0.5 - end_margin_cells_);
+    behind_.setConstant(0.5 + end_margin_cells_);
+    fits_ =
+        rate_ > 0 && fringe_ < ProjectedLattice::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
     return fits_;
-  }
-
-  void bound_rate(double rate) noexcept {
-    rate_ = rate;
-    fringe_ = rate * near_reach_;
-    end_margin_cells_ = rate * end_margin_;
-    fits_ = rate > 0 && fringe_ < kFringe && rate * match_reach_ < 0.5;
   }
 
   SegmentMatcher segments_;
   std::optional<CellLattice> lattice_;
+  ProjectedLattice projected_;
   double focal_length_;
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
+  double limit2_;                                 // max_distance_ squared
+  double rival_factor_, rival_offset_;            // the runner-up's squared distance must surely be larger than that
+  int stretches_of_line_ = 0;
+  std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_lattice_ = false;
-  // Columns of H, homogeneous lattice coordinates to camera frame [m]: the steps to the next cell and the top left
-  // corner.
-  Eigen::Matrix<double, 3, 2> steps_ = Eigen::Matrix<double, 3, 2>::Zero();
-  Eigen::Vector3d h0_{0, 0, 0};
-  // Rows of H^-1, times the determinant of H.
-  Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
-  Eigen::Vector3d row_w_{0, 0, 0};
-  double determinant_ = 0;
-  double rate_ = 0;              // at most so many cells in a unit of the tangent
-  bool fits_ = false;            // so that two lines are enough for an event
-  double end_margin_cells_ = 0;  // at most
-  double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
+  double rate_ = 0;                             // that the following were computed for
+  bool fits_ = false;                           // see fits()
+  double fringe_ = 0;                           // how far outside of the marker an event may be near an edge [cells]
+  double end_margin_cells_ = 0;                 // at most
+  Eigen::Array2d before_{0, 0}, behind_{0, 0};  // half a cell less, and more, that margin
 };
 
 }  // namespace evmarker

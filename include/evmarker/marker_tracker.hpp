@@ -80,7 +80,7 @@ class MarkerTracker {
     if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
     if (capturing_) [[unlikely]]
-      return capture(event, m);
+      return capture(Event(event), m);  // a copy: `event` itself stays in registers
     const auto [match, updated, segment] =
         follower_.push(m, event.t, event.p > 0);  // a NaN direction is far from everything
     if (match == MatchResult::far) return nullptr;

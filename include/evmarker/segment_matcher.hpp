@@ -19,6 +19,7 @@ struct Correspondence {
   Timestamp t = 0;                              ///< of the event [us]
   int segment = 0;                              ///< index into MarkerModel::segments
   double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
+  double squared_px = 0;                        ///< `distance_px` squared
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
   bool dark_side_known = false;                 ///< whether `normal` points to the dark side
   Eigen::Vector3d gradient{0, 0, 0};            ///< how far the edge's point E moves along `normal`, by E [px/m]
@@ -114,6 +115,7 @@ class SegmentMatcher {
     const ProjectedSegment& segment = segments_[static_cast<std::size_t>(nearest)];
     correspondence.segment = segment.index;
     correspondence.distance_px = signed_best;
+    correspondence.squared_px = best * best;
     correspondence.normal = segment.normal;
     correspondence.dark_side_known = segment.dark_side_known;
     correspondence.M = {m.x(), m.y(), 1};
