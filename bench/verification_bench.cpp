@@ -26,7 +26,7 @@ struct Window {
 
 // What verification adds to tracking at n = 100: the window is kept and every k updates gone through backwards.
 static void verification(benchmark::State& state) {
-  const VerificationSettings settings{.updates = static_cast<int>(state.range(0))};
+  const VerificationSettings settings{.updates = static_cast<int>(state.range(0)), .every = 1};
   const auto& recording = bench::recording();
   const UndistortionTable lines(bench::camera());
   const Follower start(recording.model(), lines.focal_length(), recording.truth(0), {});

@@ -65,6 +65,7 @@ TEST_CASE("settings out of range are named") {
   const Follower follower(make_square_marker(0.1), 500, facing_pose({0, 0, 1}), {});
   using V = Verification<DecoupledUpdate>;
   CHECK_THROWS_WITH(V(follower, {.updates = 0}), doctest::Contains("updates is 0"));
+  CHECK_THROWS_WITH(V(follower, {.every = 0}), doctest::Contains("every is 0"));
   CHECK_THROWS_WITH(V(follower, {.max_translation_px = -1}), doctest::Contains("max_translation_px is -1"));
   CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = 0}), doctest::Contains("max_rotation_rad is 0"));
   CHECK_THROWS_WITH(V(follower, {.max_events = 0}), doctest::Contains("0"));
@@ -79,9 +80,10 @@ TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one
     std::vector<BacktrackError> errors;
     double true_error_px = 0;
   };
-  const auto run = [&](const MarkerModel& model, const Eigen::Isometry3d& start) {
+  const auto run = [&](const MarkerModel& model, const Eigen::Isometry3d& start,
+                       const VerificationSettings& settings = {}) {
     Follower follower(model, lines.focal_length(), start, {});
-    Verification<DecoupledUpdate> verification(follower, {});
+    Verification<DecoupledUpdate> verification(follower, settings);
     SpatiotemporalFilter filter(lines.sensor_size());
     Outcome outcome;
     int updates = 0;
@@ -113,6 +115,12 @@ TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one
   REQUIRE(good.true_error_px < 3);
   CHECK(worst(good).first < 5);
   CHECK(worst(good).second < 0.15);
+
+  // Every window, or the first of four.
+  const auto all = run(model, motion(0), {.every = 1}), few = run(model, motion(0), {.every = 4});
+  CHECK(all.errors.size() > 1.7 * static_cast<double>(good.errors.size()));
+  CHECK(good.errors.size() > 1.7 * static_cast<double>(few.errors.size()));
+  CHECK(worst(all).first < 5);
 
   Eigen::Isometry3d beside = motion(0);  // on half the marker, turned: the events do not belong to these edges
   beside.translation() += Eigen::Vector3d(0.04, 0.03, 0);

@@ -18,6 +18,7 @@ namespace evmarker {
 
 struct VerificationSettings {
   int updates = 100;                  ///< k: forward updates before the way back
+  int every = 2;                      ///< the first of so many windows of k updates; 1: all, for twice the cost
   double max_translation_px = 5;      ///< epsilon_T
   double max_rotation_rad = 0.15;     ///< epsilon_R
   std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
@@ -45,8 +46,8 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
           geodesic_angle(forward.linear(), backward.linear())};
 }
 
-/// Keeps the events of the last updates and, every `updates` of them, runs a copy of the tracker back over them: two
-/// steps back with every event that comes, so that no event waits for the whole way.
+/// Keeps the events of `updates` updates and then runs a copy of the tracker back over them: two steps back with every
+/// event that comes, so that no event waits for the whole way.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
@@ -61,6 +62,7 @@ class Verification {
       if (!good) throw std::invalid_argument(std::string("verification: ") + name + " is " + std::to_string(value));
     };
     require(settings.updates >= 1, "updates", settings.updates);
+    require(settings.every >= 1, "every", settings.every);
     require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
     require(settings.max_rotation_rad > 0, "max_rotation_rad", settings.max_rotation_rad);
   }
@@ -69,22 +71,33 @@ class Verification {
   /// over a window: the error between the pose at its start and the pose that the way back led to.
   std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
                                      const UndistortionTable& lines) noexcept {
+    auto error = step_back(kStepsBack, lines);
+    if (pause_ > 0) {
+      if (pause_ > 1) {
+        --pause_;
+      } else if (updated) {  // a window begins at a new pose
+        pause_ = 0;
+        start(forward);
+      }
+      return error;
+    }
     if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
     window_.push(event);
     updates_ += updated;
-    auto error = step_back(kStepsBack, lines);
     const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events && steps_left_ == 0;
     const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
     if (!updated || (!complete && !crowded)) return error;
     if (!error) error = step_back(steps_left_, lines);
     turn_back(forward);
     start(forward);
+    pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
     return error;
   }
 
   /// Forgets the events so far; the next window starts at the forward tracker's present pose.
   void start_window(const EdgeFollower<Rule>& forward) noexcept {
     steps_left_ = 0;
+    pause_ = 0;
     start(forward);
   }
 
@@ -152,6 +165,7 @@ class Verification {
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
+  std::size_t pause_ = 0;  // events until the next window begins
 };
 
 }  // namespace evmarker
