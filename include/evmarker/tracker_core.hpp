@@ -150,7 +150,7 @@ class TrackerCore {
     });
     confirm(findings);
     for (const Findings::Found& found : findings.found) {
-      if (findings.position < followable_since_ || tracked(found.detection)) continue;
+      if (findings.position <= followable_since_ || tracked(found.detection)) continue;
       if (markers_.size() + candidates_.size() == settings_.max_markers) break;
       candidates_.emplace_back(FoundMarker<Rule>(lines_, found.model, found.detection, settings_.marker),
                                findings.position, history_);
