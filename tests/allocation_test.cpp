@@ -148,7 +148,7 @@ TEST_CASE_TEMPLATE("a million events through a marker's tracker, verification in
     }
     CHECK(pushed >= kEvents);
     CHECK(poses > pushed / static_cast<std::size_t>(2 * n));
-    CHECK(verifications > 100);
+    CHECK(verifications > 50);  // every other window
     CHECK(lost == 0);
   }
 }
