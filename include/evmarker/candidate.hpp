@@ -1,6 +1,5 @@
 #pragma once
 // Floor 8. A marker that was found some events ago: catches up with them, and waits to be seen again.
-#include <algorithm>
 #include <cstdint>
 #include <utility>
 

@@ -171,7 +171,6 @@ class TrackerCore {
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
-
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
 
   struct Missing {

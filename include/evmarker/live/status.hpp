@@ -42,7 +42,7 @@ struct Status {
   std::string error;                   ///< the first of these
   Latency push_to_pose;                ///< from `push` of the event that completed a pose to its delivery
   Latency queue_wait;                  ///< from `push` to tracking, of blocks of events
-  Latency detection;                   ///< of one look
+  Latency detection;                   ///< of one look, waiting for a processor included
   std::vector<MarkerStatus> markers;   ///< being tracked
 };
 
