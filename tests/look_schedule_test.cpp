@@ -9,10 +9,8 @@ using namespace std::chrono_literals;
 
 namespace {
 
-const TrackerSettings<> settings{.detection_interval = 20ms,
-                                 .search_interval = 4ms,
-                                 .detection_latency = 3ms,
-                                 .min_events_per_detection = 10};
+const TrackerSettings<> settings{
+    .detection_interval = 20ms, .search_interval = 4ms, .detection_latency = 3ms, .min_events_per_detection = 10};
 
 void pass_events(LookSchedule& looks, int events) {
   for (int i = 0; i < events; ++i) looks.count_event();
