@@ -26,14 +26,15 @@ class CellLattice {
   };
 
   /// A stretch of a line of which one answer holds: within one cell, or around a lattice point.
-  struct Stretch {
+  struct alignas(64) Stretch {
     // The squared distance to the edge here is that to the line, but at least `at_least` and, if that is known at all,
     // at most the greater of that and `at_most`: (0, 0) beside an edge, (inf, inf) where there is none, (0, inf) around
     // a point where an edge ends.
     double at_least = kNever, at_most = kNever;
-    double begin = 0, end = 0;  ///< as in Edge
-    std::int32_t segment = -1;
-    std::int32_t dark = 0;
+    double line = 0;                          ///< that it is on
+    double begin = 0, end = 0;                ///< as in Edge
+    double dark = 0;                          ///< as in Edge
+    std::int32_t coordinate = 0, segment = -1;  ///< of the line, and as in Edge
   };
 
   /// Nothing for a wireframe that does not lie, without overlaps and with known dark sides, on the lines of a lattice
@@ -82,8 +83,9 @@ class CellLattice {
         for (int cell = -1; cell <= cells_; ++cell) {
           const Edge& here = edge(coordinate, line, cell);
           const double distance = here.dark != 0 ? 0 : kNever;
-          all.push_back({distance, distance, static_cast<double>(here.begin), static_cast<double>(here.end),
-                         here.segment, here.dark});
+          all.push_back({distance, distance, static_cast<double>(line), static_cast<double>(here.begin),
+                         static_cast<double>(here.end), static_cast<double>(here.dark),
+                         static_cast<std::int32_t>(coordinate), here.segment});
           if (cell == cells_) break;
           const bool goes_on = here.segment == edge(coordinate, line, cell + 1).segment;
           all.push_back(goes_on ? all.back() : Stretch{.at_least = 0});

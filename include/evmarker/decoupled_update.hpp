@@ -11,6 +11,7 @@
 
 #include "evmarker/pose_update.hpp"
 #include "evmarker/so3.hpp"
+#include "evmarker/wide_vectors.hpp"
 
 namespace evmarker {
 
@@ -52,6 +53,8 @@ class DecoupledUpdate {
     require(positive(settings_.rotation_gain), "rotation_gain", settings_.rotation_gain);
     require(positive(unit), "torque_length_unit_m", unit);
     renewed_ = std::min(1.0, events_per_update * w0);
+    for (std::size_t i = 0; i <= kLanes; ++i) kept_[i] = std::pow(1 - w0, i);
+    for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = w0 * kept_[kLanes - 1 - i];
   }
 
   // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
@@ -81,7 +84,38 @@ class DecoupledUpdate {
     // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.
   }
 
+  /// The same for up to eight events: those before them fade, and they by those after them.
+  [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
+    const std::size_t n = c.count;
+    const double kept = kept_[n], T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
+                 T_z = T_camera_marker.translation().z();
+    alignas(64) Lanes weights;
+    for (std::size_t i = 0; i < kLanes; ++i) weights[i] = weights_[kLanes - n + i];
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const double x = c.M_x[i], y = c.M_y[i], by_MM = 1 / (x * x + y * y + 1);
+      const double pull_x = c.F_x[i] - c.E_x[i], pull_y = c.F_y[i] - c.E_y[i], pull_z = c.F_z[i] - c.E_z[i];
+      const double lever_x = c.E_x[i] - T_x, lever_y = c.E_y[i] - T_y, lever_z = c.E_z[i] - T_z;
+      const double weight = weights[i];
+      const auto average = [&](std::size_t k, double value) __attribute__((always_inline)) { sums_[k][i] = kept * sums_[k][i] + weight * value; };
+      average(0, by_MM * x * x);
+      average(1, by_MM * x * y);
+      average(2, by_MM * y * y);
+      average(3, by_MM * x);
+      average(4, by_MM * y);
+      average(5, by_MM);
+      average(6, pull_x);
+      average(7, pull_y);
+      average(8, pull_z);
+      average(9, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
+      average(10, lever_y * pull_z - lever_z * pull_y);
+      average(11, lever_z * pull_x - lever_x * pull_z);
+      average(12, lever_x * pull_y - lever_y * pull_x);
+    }
+    faded_ *= kept;
+  }
+
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
+    if (faded_ != 1) add_sums();
     // A x = B by Cramer's rule, the six elements of A = I - mean L by hand: as matrices they would go through memory.
     const double xx = 1 - L_[0], xy = -L_[1], yy = 1 - L_[2], xz = -L_[3], yz = -L_[4], zz = 1 - L_[5];
     const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
@@ -103,11 +137,32 @@ class DecoupledUpdate {
   }
 
   void reverse() noexcept {  // L and the lever arm are geometry, the same in both directions of time
+    forget_sums();
     B_.setZero();
     Gamma_.setZero();
   }
 
  private:
+  [[gnu::noinline]] void add_sums() noexcept {
+    in_wide_vectors([&]() __attribute__((always_inline)) {
+      const auto average = [&](double& mean, std::size_t k) { mean = faded_ * mean + sum(sums_[k]); };
+      for (std::size_t k = 0; k < 6; ++k) average(L_[k], k);
+      average(B_.x(), 6);
+      average(B_.y(), 7);
+      average(B_.z(), 8);
+      average(lever2_, 9);
+      average(Gamma_.x(), 10);
+      average(Gamma_.y(), 11);
+      average(Gamma_.z(), 12);
+    });
+    forget_sums();
+  }
+
+  void forget_sums() noexcept {
+    faded_ = 1;
+    for (Lanes& lanes : sums_) lanes.fill(0);
+  }
+
   Settings settings_;
   double renewed_ = 1;  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
@@ -116,8 +171,12 @@ class DecoupledUpdate {
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
   double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
+  alignas(64) std::array<Lanes, 13> sums_{};      // what the averages gain by the events since the last update
+  double faded_ = 1;                              // what they keep of what they were before
+  std::array<double, kLanes + 1> kept_{};         // by so many events
+  std::array<double, 2 * kLanes> weights_{};      // of eight events one after the other, and of none
 };
 
-static_assert(PoseUpdateRule<DecoupledUpdate>);
+static_assert(GroupUpdateRule<DecoupledUpdate>);
 
 }  // namespace evmarker

@@ -47,6 +47,7 @@ class EdgeFollower {
         matcher_(std::move(model), focal_length, settings.matching),
         rule_(settings.update, settings.events_per_update),
         T_camera_marker_(T_camera_marker),
+        in_groups_(GroupUpdateRule<Rule> && settings.events_per_update >= kFewestInGroups && !settings.polarity_check),
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
@@ -70,6 +71,7 @@ class EdgeFollower {
   // be done. A quarter of the time.
   [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
                                      std::optional<bool> on = std::nullopt) noexcept {
+    if (in_groups()) return take_one(m, t);
     Correspondence correspondence;
     const MatchResult match = matcher_.match(m, correspondence);
     if (match == MatchResult::far) return {match, false};
@@ -82,6 +84,37 @@ class EdgeFollower {
     squared_px_ += correspondence.squared_px;
     if (++matched_ < events_per_update_) return {match, false, correspondence.segment};
     return {match, update(t), correspondence.segment};
+  }
+
+  /// Whether events are taken in groups at the present pose. Else one by one.
+  bool in_groups() const noexcept { return in_groups_ && matcher_.on_lattice(); }
+  /// How many there should be in the next group: those after an update would have to be matched again.
+  std::size_t group_size() const noexcept {
+    const auto left = static_cast<std::size_t>(events_per_update_ - matched_);
+    return std::min(EventGroup::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
+  }
+
+  /// Takes many events, up to the first that leads to an update, faster than one by one, while `in_groups()`.
+  /// @param after is called with the number of each and its Result
+  /// @return how many were taken
+  template <typename After>
+  [[gnu::always_inline]] std::size_t push(const EventGroup& events, const After& after) noexcept {
+    LatticeMatcher::Choices choices;
+    matcher_.choose(events, choices);
+    for (std::size_t i = 0; i < events.count(); ++i) {
+      LatticeMatcher::Choice choice;
+      const int stretch = choices.stretch[i];
+      if (stretch >= 0) [[likely]]
+        choice.edge = &matcher_.stretch(stretch);
+      else if (stretch == LatticeMatcher::Choices::kFar)
+        choice.result = MatchResult::far;
+      else
+        choice = matcher_.choose(Eigen::Vector2d(events.x[i], events.y[i]));
+      const Result result = take(events.x[i], events.y[i], events.t[i], choice);
+      after(i, result);
+      if (result.updated) return i + 1;
+    }
+    return events.count();
   }
 
   /// Goes on from another pose, with what the rule has learned so far.
@@ -115,6 +148,8 @@ class EdgeFollower {
   int skipped_updates() const noexcept { return skipped_updates_; }
 
  private:
+  static constexpr int kFewestInGroups = 4;
+
   // Whether the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
   // backwards in time it moves out of the dark and yet its events are the same. A wrong twist must not keep away the
   // events that would correct it: an edge most of whose last events contradict is not sure of its motion.
@@ -134,6 +169,42 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
+  // Remembers a matched event until eight are to be added to the rule, or the last before an update.
+  [[gnu::always_inline]] Result take(double x, double y, Timestamp t, const LatticeMatcher::Choice& choice) noexcept {
+    if (choice.result == MatchResult::far) return {choice.result};
+    ++offered_;
+    if (choice.result != MatchResult::matched) return {choice.result};
+    const std::size_t i = waiting_.count++;
+    waiting_.x[i] = x;
+    waiting_.y[i] = y;
+    waiting_.t[i] = static_cast<double>(t);
+    waiting_.coordinate[i] = static_cast<double>(choice.edge->coordinate);
+    waiting_.k[i] = choice.edge->line;
+    waiting_.begin[i] = choice.edge->begin;
+    waiting_.end[i] = choice.edge->end;
+    waiting_.dark[i] = choice.edge->dark;
+    const bool enough = ++matched_ == events_per_update_;
+    if (waiting_.count == kLanes || enough) add_waiting();
+    return {choice.result, enough && update(t), choice.edge->segment};
+  }
+
+  [[gnu::noinline]] Result take_one(const Eigen::Vector2d& m, Timestamp t) noexcept {
+    return take(m.x(), m.y(), t, matcher_.choose(m));
+  }
+
+  [[gnu::noinline]] void add_waiting() noexcept {
+    if constexpr (GroupUpdateRule<Rule>) {
+      in_wide_vectors([&]() __attribute__((always_inline)) {
+        Correspondences c;
+        matcher_.projected().correspond(waiting_, matcher_.focal_length(), c);
+        rule_.add(c, T_camera_marker_);
+        for (std::size_t i = 0; i < kLanes; ++i) c.distance_px[i] = i < c.count ? c.distance_px[i] * c.distance_px[i] : 0;
+        squared_px_ += sum(c.distance_px);
+      });
+      waiting_.count = 0;
+    }
+  }
+
   // Not inline: that takes registers from every event. 5 to 10 % faster at n = 100, 3 % slower at n = 1.
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
@@ -150,6 +221,7 @@ class EdgeFollower {
   void start_collecting() noexcept {
     matched_ = offered_ = 0;
     squared_px_ = 0;
+    waiting_.count = 0;
   }
 
   int events_per_update_;
@@ -159,7 +231,9 @@ class EdgeFollower {
   bool in_front_ = true;
   int matched_ = 0, offered_ = 0, skipped_updates_ = 0;
   double squared_px_ = 0;
+  ProjectedLattice::Matches waiting_;
   UpdateStatistics last_update_;
+  bool in_groups_;
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <cstddef>
 
+#include "evmarker/correspondences.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/symmetric.hpp"
+#include "evmarker/wide_vectors.hpp"
 
 namespace evmarker {
 
@@ -37,12 +39,24 @@ class KalmanMeasurements {
   /// @param weight inverse variance, up to the factor that `correct` is given
   void add(const Vector8d& row, double weight) noexcept {
     if (waiting_ == kWaiting) add_squares();
-    rows_[static_cast<std::size_t>(waiting_++)] = {row, weight};
+    for (std::size_t j = 0; j < 8; ++j) rows_[j][waiting_] = row(static_cast<Eigen::Index>(j));
+    weights_[waiting_++] = weight;
     ++count_;
   }
 
+  /// The same for the first `count` of a lane each; the others must be finite.
+  [[gnu::always_inline]] void add(const std::array<Lanes, 8>& rows, const Lanes& weights, std::size_t count) noexcept {
+    if (waiting_ + kLanes > kWaiting) add_squares();
+    for (std::size_t j = 0; j < 8; ++j)
+      for (std::size_t i = 0; i < kLanes; ++i) rows_[j][waiting_ + i] = rows[j][i];
+    for (std::size_t i = 0; i < kLanes; ++i) weights_[waiting_ + i] = weights[i];
+    waiting_ += count;
+    count_ += static_cast<int>(count);
+  }
+
   void clear() noexcept {
-    count_ = waiting_ = 0;
+    count_ = 0;
+    waiting_ = 0;
     squares_begun_ = false;
   }
 
@@ -59,49 +73,54 @@ class KalmanMeasurements {
 
  private:
   static constexpr int kFew = 10;      // measured: from 12 on, all at once is faster
-  static constexpr int kWaiting = 32;  // so that what an `add_squares` does once hardly counts
+  static constexpr std::size_t kWaiting = 4 * kLanes;
+
+  // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, lane by lane.
+  [[gnu::noinline]] void add_squares() noexcept {
+    in_wide_vectors([&]() __attribute__((always_inline)) {
+      for (std::size_t i = waiting_; i % kLanes != 0; ++i) {
+        weights_[i] = 0;
+        for (std::size_t j = 0; j < 8; ++j) rows_[j][i] = 0;
+      }
+      for (std::size_t from = 0; from < waiting_; from += kLanes) add_squares(from);
+    });
+    waiting_ = 0;
+    squares_begun_ = true;
+  }
+
+  [[gnu::always_inline]] void add_squares(std::size_t from) noexcept {
+    alignas(64) std::array<Lanes, 8> row, weighted;
+    for (std::size_t j = 0; j < 8; ++j)
+      for (std::size_t i = 0; i < kLanes; ++i) {
+        row[j][i] = rows_[j][from + i];
+        weighted[j][i] = weights_[from + i] * row[j][i];
+      }
+    const double kept = squares_begun_ || from > 0 ? 1 : 0;
+    std::size_t place = 0;
+#pragma GCC unroll 8
+    for (std::size_t j = 0; j < 8; ++j)
+#pragma GCC unroll 8
+      for (std::size_t k = j; k < 8; ++k, ++place)
+        for (std::size_t i = 0; i < kLanes; ++i) squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
+  }
 
   struct Row {
     Vector8d row;
     double weight;
   };
 
-  // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, by pairs of columns. Two passes, because half
-  // of the sums fit into registers: a tenth faster at n = 100 than adding every row to the sums in memory.
-  void add_squares() noexcept {
-    add_columns<0, 2>();
-    add_columns<2, 8>();
-    waiting_ = 0;
-    squares_begun_ = true;
-  }
-
-  template <int From, int To>
-  void add_columns() noexcept {
-    Eigen::Matrix<double, 8, To - From> sums = Eigen::Matrix<double, 8, To - From>::Zero();
-    for (int i = 0; i < waiting_; ++i) {
-      const auto& [row, weight] = rows_[static_cast<std::size_t>(i)];
-      const Vector8d weighted = weight * row;
-      add_column<From, From, To>(sums, weighted, row);
-    }
-    auto total = squares_.middleCols<To - From>(From);
-    if (squares_begun_)
-      total += sums;
-    else
-      total = sums;
-  }
-
-  template <int J, int From, int To>
-  static void add_column(Eigen::Matrix<double, 8, To - From>& sums, const Vector8d& weighted,
-                         const Vector8d& row) noexcept {
-    constexpr int kRows = 8 - J / 2 * 2;
-    sums.col(J - From).template tail<kRows>() += row(J) * weighted.template tail<kRows>();
-    if constexpr (J + 1 < To) add_column<J + 1, From, To>(sums, weighted, row);
+  Row row(int i) const noexcept {
+    const auto place = static_cast<std::size_t>(i);
+    Row row;
+    for (std::size_t j = 0; j < 8; ++j) row.row(static_cast<Eigen::Index>(j)) = rows_[j][place];
+    row.weight = weights_[place];
+    return row;
   }
 
   // One after the other: exact, and cheaper while they are few. One that cannot be taken is left out.
   bool one_by_one(BlockCovariance& P, BlockError& error, double information) const noexcept {
     int left_out = 0;
-    for (int i = 0; i < count_; ++i) left_out += !take(rows_[static_cast<std::size_t>(i)], P, error, information);
+    for (int i = 0; i < count_; ++i) left_out += !take(row(i), P, error, information);
     return count_ == 0 || left_out < count_;
   }
 
@@ -163,8 +182,15 @@ class KalmanMeasurements {
   // All at once by their information H and b about [p; o].
   bool together(BlockCovariance& P, BlockError& error, double information) const noexcept {
     Matrix7d H, Q;
-    for_lower<7>([&](int i, int j) { H(i, j) = H(j, i) = information * squares_(i, j); });
-    Vector7d b = information * squares_.row(7).head<7>().transpose() - error.o * H.col(6);
+    Vector7d b;
+    in_wide_vectors([&]() __attribute__((always_inline)) {
+      std::size_t place = 0;
+      for (int j = 0; j < 7; ++j) {
+        for (int i = j; i < 7; ++i) H(i, j) = H(j, i) = information * sum(squares_[place++]);
+        b(j) = information * sum(squares_[place++]);
+      }
+    });
+    b -= error.o * H.col(6);
     for (int k = 0; k < 6; ++k) b -= error.p(k) * H.col(k);
 
     // P_qq <- (P_qq^-1 + H)^-1. The signs of the two sweeps cancel.
@@ -205,10 +231,13 @@ class KalmanMeasurements {
     return AB;
   }
 
-  std::array<Row, kWaiting> rows_{};                                           // that are not in the sums yet
-  Eigen::Matrix<double, 8, 8> squares_ = Eigen::Matrix<double, 8, 8>::Zero();  // sum of w [J; d] [J; d]^T, if begun
+  // That are not in the squares yet, number by number.
+  alignas(64) std::array<std::array<double, kWaiting>, 8> rows_{};
+  alignas(64) std::array<double, kWaiting> weights_{};
+  alignas(64) std::array<Lanes, 36> squares_{};  // lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun
   bool squares_begun_ = false;
-  int count_ = 0, waiting_ = 0;
+  int count_ = 0;
+  std::size_t waiting_ = 0;
 };
 
 }  // namespace evmarker

@@ -24,7 +24,10 @@ class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
 
-  KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
+  KalmanUpdate(const Settings& settings, int events_per_update)
+      : settings_(settings),
+        spread_share_(1 - std::pow(0.999, events_per_update)),
+        scales_share_(1 - std::pow(0.99, events_per_update)) {
     const auto require = [](double value, const char* name) {
       if (!(std::isfinite(value) && value > 0))
         throw std::invalid_argument(std::string("kalman update: ") + name + " is " + std::to_string(value));
@@ -65,15 +68,52 @@ class KalmanUpdate {
     const Vector8d row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
                        residual);
     measurements_.add(row, weight);
-    spread2_px_ += 0.001 * (residual2 - spread2_px_);
-    scales_ += scales_share_ * (Eigen::Vector2d(lever2, gradient2) - scales_);
-    scales_share_ = 0.01;
-    since_us_ += us_since_update(c.t);
+    sums_.residual2 += residual2;
+    sums_.lever2 += lever2;
+    sums_.gradient2 += gradient2;
+    sums_.since_us += us_since_update(c.t);
+  }
+
+  /// The same for up to eight events.
+  [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
+    const double T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
+                 T_z = T_camera_marker.translation().z();
+    const double robust2 = settings_.robust_px * settings_.robust_px, offset_px = offset_px_, t_us = t_us_;
+    alignas(64) std::array<Lanes, 8> rows;
+    alignas(64) Lanes weights, residual2, lever2, gradient2, since;
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const double g_x = c.g_x[i], g_y = c.g_y[i], g_z = c.g_z[i], residual = c.distance_px[i] - offset_px;
+      const double x = c.E_x[i] - T_x, y = c.E_y[i] - T_y, z = c.E_z[i] - T_z;
+      const double all2[3] = {residual * residual, x * x + y * y + z * z, g_x * g_x + g_y * g_y + g_z * g_z};
+      const bool taken = i < c.count && all2[0] * (all2[1] * all2[2]) < kInfinity;
+      const double late_us = c.t[i] - t_us;
+      const auto if_taken = [taken](double value) __attribute__((always_inline)) { return taken ? value : 0; };
+      weights[i] = if_taken(robust2 / (robust2 + all2[0]));
+      residual2[i] = if_taken(all2[0]);
+      lever2[i] = if_taken(all2[1]);
+      gradient2[i] = if_taken(all2[2]);
+      since[i] = if_taken(late_us > 0 ? late_us : 0);
+      rows[0][i] = if_taken(g_x);
+      rows[1][i] = if_taken(g_y);
+      rows[2][i] = if_taken(g_z);
+      rows[3][i] = if_taken(y * g_z - z * g_y);
+      rows[4][i] = if_taken(z * g_x - x * g_z);
+      rows[5][i] = if_taken(x * g_y - y * g_x);
+      rows[6][i] = 1;
+      rows[7][i] = if_taken(residual);
+    }
+    measurements_.add(rows, weights, c.count);
+    sums_.residual2 += sum(residual2);
+    sums_.lever2 += sum(lever2);
+    sums_.gradient2 += sum(gradient2);
+    sums_.since_us += sum(since);
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     const double dt = 1e-6 * us_since_update(t);
-    const double mean_dt = measurements_.count() > 0 ? std::min(1e-6 * since_us_ / measurements_.count(), dt) : dt;
+    const int count = measurements_.count();
+    const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
+    if (count > 0) average(count);
     t_us_ = static_cast<double>(t);
     BlockError error;
     error.p = predict(mean_dt);
@@ -139,7 +179,13 @@ class KalmanUpdate {
 
   void forget_events() noexcept {
     measurements_.clear();
-    since_us_ = 0;
+    sums_ = {};
+  }
+
+  void average(int count) noexcept {
+    spread2_px_ += spread_share_ * (sums_.residual2 / count - spread2_px_);
+    scales_ += (scales_known_ ? scales_share_ : 1) * (Eigen::Vector2d(sums_.lever2, sums_.gradient2) / count - scales_);
+    scales_known_ = true;
   }
 
   // Rounding takes a rotation off SO(3) by 1e-16 a step: to mend that at every step took longer than the step.
@@ -232,12 +278,16 @@ class KalmanUpdate {
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
   Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
-  double scales_share_ = 1;          // of the next event in them
-  double since_us_ = 0;              // sum of the events' times since the last update [us]
+  bool scales_known_ = false;
+  double spread_share_, scales_share_;  // of the next update's events in them
+  struct Sums {
+    double residual2 = 0, lever2 = 0, gradient2 = 0, since_us = 0;
+  };
+  Sums sums_;                // over the events since the last update; their times since then [us]
   double lead_s_ = 0;        // the filter's state is as old as the mean of its last events; the pose is so much newer
   double t_us_ = kInfinity;  // time of the pose, exact to 2^53 us; before the first, no time passes
 };
 
-static_assert(MotionEstimatingRule<KalmanUpdate>);
+static_assert(MotionEstimatingRule<KalmanUpdate> && GroupUpdateRule<KalmanUpdate>);
 
 }  // namespace evmarker

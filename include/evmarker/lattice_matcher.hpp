@@ -12,6 +12,7 @@
 #include "evmarker/cell_lattice.hpp"
 #include "evmarker/projected_lattice.hpp"
 #include "evmarker/segment_matcher.hpp"
+#include "evmarker/wide_vectors.hpp"
 
 namespace evmarker {
 
@@ -65,6 +66,56 @@ class LatticeMatcher {
     return correspond(lines, choice, m, correspondence);
   }
 
+  /// What an event matches on the lattice, and where.
+  struct Choice {
+    MatchResult result = MatchResult::matched;
+    const CellLattice::Stretch* edge = nullptr;  ///< of a matched event
+  };
+
+  /// The same without what it means in space, while `on_lattice()`.
+  [[gnu::always_inline]] Choice choose(const Eigen::Vector2d& m) const noexcept {
+    const Sight sight = projected_.sight(m);
+    if (!projected_.within(fringe_, sight)) return {MatchResult::far};
+    const Lines lines = projected_.nearest_lines(sight);
+    Choice choice;
+    if (choose(lines, choice)) [[likely]]
+      return choice;
+    return choose_carefully(sight, lines);
+  }
+
+  /// For each of many events the number of the stretch that it matches, or one of these.
+  struct Choices {
+    static constexpr int kUnsure = -1, kFar = -2;  ///< ask `choose` again; far from everything
+    alignas(64) std::array<int, EventGroup::kMost> stretch;
+  };
+
+  /// The same for many events, faster.
+  void choose(const EventGroup& events, Choices& choices) const noexcept {
+    ProjectedLattice::ManyLines lines;
+    alignas(64) std::array<int, EventGroup::kMost> stretch[2];
+    const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
+    const Stretch* const stretches = lattice_->stretches();
+    in_wide_vectors([&]() __attribute__((always_inline)) {
+      projected_.nearest_lines(fringe_, events, lines);
+      number_stretches(events.in_lanes(), lines, stretch);
+      for (std::size_t from = 0; from < events.count(); from += kLanes)
+        for (std::size_t i = from; i < from + kLanes; ++i) {
+          const double squared[2] = {lines.squared[0][i], lines.squared[1][i]};
+          const double at_most[2] = {larger(squared[0], stretches[stretch[0][i]].at_most), larger(squared[1], stretches[stretch[1][i]].at_most)};
+          const double other = larger(larger(squared[0], stretches[stretch[0][i]].at_least), larger(squared[1], stretches[stretch[1][i]].at_least));
+          const double best = at_most[1] < at_most[0] ? at_most[1] : at_most[0];
+          int choice = at_most[1] < at_most[0] ? stretch[1][i] : stretch[0][i];
+          choice = best <= limit2 ? choice : Choices::kUnsure;
+          choice = other > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
+          choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
+          choices.stretch[i] = lines.within[i] > 0.5 ? choice : Choices::kFar;
+        }
+    });
+  }
+
+  const CellLattice::Stretch& stretch(int number) const noexcept { return lattice_->stretches()[number]; }
+  const ProjectedLattice& projected() const noexcept { return projected_; }
+
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
   Eigen::AlignedBox2d reach() const noexcept {
     if (!on_lattice_) return segments_.reach();
@@ -93,12 +144,23 @@ class LatticeMatcher {
   using Line = ProjectedLattice::Line;
   using Stretch = CellLattice::Stretch;
 
-  // What becomes of an event, and the edge that it matches.
-  struct Choice {
-    MatchResult result = MatchResult::matched;
-    Eigen::Index coordinate = 0;
-    const Stretch* edge = nullptr;
-  };
+  static double larger(double x, double y) noexcept { return x > y ? x : y; }
+
+  // Which stretches of the nearest lines the feet are on.
+  [[gnu::always_inline]] void number_stretches(std::size_t count, const ProjectedLattice::ManyLines& lines,
+                                               std::array<int, EventGroup::kMost> (&stretch)[2]) const noexcept {
+    constexpr double kRounding = ProjectedLattice::kRounding;
+    const double before = before_(0), behind = behind_(0), of_line = stretches_of_line_;
+    for (std::size_t c = 0; c < 2; ++c) {
+      const double first = first_stretch_[c];
+      for (std::size_t from = 0; from < count; from += kLanes)
+        for (std::size_t i = from; i < from + kLanes; ++i) {
+          const double number = ((lines.foot[c][i] - before) + kRounding) - kRounding;
+          const double other_number = ((lines.foot[c][i] - behind) + kRounding) - kRounding;
+          stretch[c][i] = static_cast<int>(first + of_line * lines.k[c][i] + number + other_number);
+        }
+    }
+  }
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     Correspondence found;  // not the caller's: that one need not be in memory
@@ -128,8 +190,7 @@ class LatticeMatcher {
     const double best = std::min(at_most[0], at_most[1]);
     const double other =
         std::max(std::max(lines.squared(0), found[0]->at_least), std::max(lines.squared(1), found[1]->at_least));
-    choice.coordinate = at_most[1] < at_most[0];
-    choice.edge = found[choice.coordinate];
+    choice.edge = found[at_most[1] < at_most[0]];
     return best <= limit2_ && other > rival_factor_ * best + rival_offset_;
   }
 
@@ -142,12 +203,12 @@ class LatticeMatcher {
       if (!(lines.squared(second) <= limit2_)) return {near_or_far(sight)};
       const Place other = place_on(ProjectedLattice::line(lines, second));
       if (!other.edge) return {near_or_far(sight)};
-      return {other.tie ? MatchResult::ambiguous : MatchResult::matched, second, other.edge};
+      return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
     const double rival = std::sqrt(lines.squared(first)) + ambiguity_;
     if (place.tie || (lines.squared(second) < rival * rival && place_on(ProjectedLattice::line(lines, second)).edge))
       return {MatchResult::ambiguous};
-    return {MatchResult::matched, first, place.edge};
+    return {MatchResult::matched, place.edge};
   }
 
   // What lies where the event's foot is on a line.
@@ -194,7 +255,7 @@ class LatticeMatcher {
 
   [[gnu::always_inline]] MatchResult correspond(const Lines& lines, const Choice& choice, const Eigen::Vector2d& m,
                                                 Correspondence& c) const noexcept {
-    const Eigen::Index i = choice.coordinate;
+    const Eigen::Index i = choice.edge->coordinate;
     const auto [E, F, exists] = projected_.nearest_points(lines, i, choice.edge->begin, choice.edge->end, m);
     if (!exists) return MatchResult::near;  // the edge points at the camera: no constraint
     const Eigen::Array2d by_norm = lines.norm2.sqrt().inverse();

@@ -51,6 +51,11 @@ class UndistortionTable {
     return (*lines_)[pixel].cast<double>();
   }
 
+  /// Far from every marker.
+  static Eigen::Vector2d nowhere() noexcept {
+    return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+
  private:
   SensorSize size_;
   double focal_length_;

@@ -71,7 +71,11 @@ class Verification {
   /// over a window: the error between the pose at its start and the pose that the way back led to.
   std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
                                      const UndistortionTable& lines) noexcept {
-    auto error = step_back(kStepsBack, lines);
+    std::optional<BacktrackError> error;
+    if (steps_left_ > 0 && ++waited_ == kWait) {
+      waited_ = 0;
+      error = step_back(kWait * kStepsBack, lines);
+    }
     if (pause_ > 0) {
       if (pause_ > 1) {
         --pause_;
@@ -87,7 +91,7 @@ class Verification {
     const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events && steps_left_ == 0;
     const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
     if (!updated || (!complete && !crowded)) return error;
-    if (!error) error = step_back(steps_left_, lines);
+    if (!error && steps_left_ > 0) error = step_back(steps_left_, lines);
     turn_back(forward);
     start(forward);
     pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
@@ -110,6 +114,7 @@ class Verification {
  private:
   static constexpr double kExpected = 9;        // standard deviations
   static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
+  static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
 
   void start(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
@@ -130,13 +135,26 @@ class Verification {
 
   // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
   // passes.
-  std::optional<BacktrackError> step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
-    if (steps_left_ == 0) return std::nullopt;
+  [[gnu::noinline]] std::optional<BacktrackError> step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
     const Timestamp end = past_[past_.size() - 1].t;
-    for (steps = std::min(steps, steps_left_); steps > 0; --steps) {
-      const Event& event = past_[--steps_left_];
-      const auto mirrored = static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(event.t, end));
-      backward_.push(lines(event), mirrored, event.p > 0);
+    const auto mirrored = [end](Timestamp t) {
+      return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
+    };
+    for (steps = std::min(steps, steps_left_); steps > 0;) {
+      std::size_t taken = 1;
+      if (backward_.in_groups()) {
+        EventGroup group;
+        group.fill(std::min(steps, backward_.group_size()), [&](std::size_t i) {
+          const Event& event = past_[steps_left_ - 1 - i];
+          return std::pair(lines(event), mirrored(event.t));
+        });
+        taken = backward_.push(group, [](auto...) {});
+      } else {
+        const Event& event = past_[steps_left_ - 1];
+        backward_.push(lines(event), mirrored(event.t), event.p > 0);
+      }
+      steps_left_ -= taken;
+      steps -= taken;
     }
     if (steps_left_ > 0) return std::nullopt;
     BacktrackError error =
@@ -160,6 +178,7 @@ class Verification {
   EventHistory window_;
   EventHistory past_;           // the window before, while the way back goes on
   std::size_t steps_left_ = 0;  // of it
+  int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
   BacktrackError expected_;
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate

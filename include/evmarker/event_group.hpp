@@ -1,0 +1,49 @@
+#pragma once
+// Floor 1. Some events number by number, so that what is the same for all of them is computed in vectors.
+#include <array>
+#include <cstddef>
+
+#include "evmarker/event.hpp"
+
+namespace evmarker {
+
+/// Numbers that are computed together are in lanes of eight: one vector of 512 bits, two of 256, four of 128.
+inline constexpr std::size_t kLanes = 8;
+
+using Lanes = std::array<double, kLanes>;
+
+/// Some events by their lines of sight (x, y; 1) and times. Filled up to whole lanes with ones that mean nothing.
+class EventGroup {
+ public:
+  static constexpr std::size_t kMost = 4 * kLanes;
+  template <typename Number>
+  using Numbers = std::array<Number, kMost>;
+
+  // Not initialised: that would take as long as a fifth of the matching.
+  EventGroup() noexcept {}
+
+  /// Takes `count` events, the first of them with number 0. `event(i)` is the line of sight and the time of one.
+  template <typename EventOf>
+  [[gnu::always_inline]] void fill(std::size_t count, const EventOf& event) noexcept {
+    count_ = count;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto& [m, time] = event(i);
+      x[i] = m.x();
+      y[i] = m.y();
+      t[i] = time;
+    }
+    for (std::size_t i = count; i < in_lanes(); ++i) x[i] = y[i] = 0;
+  }
+
+  std::size_t count() const noexcept { return count_; }
+  /// How many numbers there are in whole lanes.
+  std::size_t in_lanes() const noexcept { return (count_ + kLanes - 1) / kLanes * kLanes; }
+
+  alignas(64) Numbers<double> x, y;
+  Numbers<Timestamp> t;
+
+ private:
+  std::size_t count_ = 0;
+};
+
+}  // namespace evmarker

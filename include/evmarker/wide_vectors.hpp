@@ -1,0 +1,53 @@
+#pragma once
+// Floor 0. Loops in the widest vectors that the processor has, in programs compiled for any.
+
+namespace evmarker {
+
+#if defined(__GNUC__) && defined(__x86_64__)
+
+namespace detail {
+
+template <typename Loops>
+[[gnu::noinline, gnu::target("avx512f,avx512dq,avx512vl,fma,prefer-vector-width=512")]] void in_512_bits(
+    const Loops& loops) noexcept {
+  loops();
+}
+
+template <typename Loops>
+[[gnu::noinline, gnu::target("avx2,fma")]] void in_256_bits(const Loops& loops) noexcept {
+  loops();
+}
+
+inline int widest_vectors() noexcept {
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+    return 512;
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? 256 : 128;
+}
+
+inline const int kVectorBits = widest_vectors();
+
+}  // namespace detail
+
+/// Runs a function whose loops are simple enough for the compiler to make vectors of, compiled for what the processor
+/// turns out to have. It must be marked `always_inline`, and so must be what it calls.
+template <typename Loops>
+[[gnu::always_inline]] inline void in_wide_vectors(const Loops& loops) noexcept {
+  if (detail::kVectorBits == 512)
+    detail::in_512_bits(loops);
+  else if (detail::kVectorBits == 256)
+    detail::in_256_bits(loops);
+  else
+    loops();
+}
+
+#else
+
+template <typename Loops>
+void in_wide_vectors(const Loops& loops) noexcept {
+  loops();
+}
+
+#endif
+
+}  // namespace evmarker
