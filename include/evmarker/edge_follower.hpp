@@ -198,7 +198,7 @@ class EdgeFollower {
         Correspondences c;
         matcher_.projected().correspond(waiting_, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
-        for (std::size_t i = 0; i < kLanes; ++i) c.distance_px[i] = i < c.count ? c.distance_px[i] * c.distance_px[i] : 0;
+        for (std::size_t i = 0; i < kLanes; ++i) c.distance_px[i] *= c.is_event[i] * c.distance_px[i];
         squared_px_ += sum(c.distance_px);
       });
       waiting_.count = 0;

@@ -157,28 +157,28 @@ class ProjectedLattice {
 
   /// What the matches say in space, Eqs. (1) to (5).
   [[gnu::always_inline]] void correspond(const Matches& matches, double focal_length, Correspondences& c) const noexcept {
-    const Eigen::Array<double, 2, 3> rows = rows_;  // copies: see nearest_lines
-    const Eigen::Matrix<double, 3, 2> steps = steps_;
+    const auto rows = rows_;  // copies: see nearest_lines
+    const auto steps = steps_;
     const Eigen::Vector3d h0 = h0_, row_w = row_w_;
     alignas(64) Lanes normal_x, normal_y, norm;
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const bool second = matches.coordinate[i] > 0.5;
-      normal_x[i] = (second ? rows(1, 0) : rows(0, 0)) - matches.k[i] * row_w.x();
-      normal_y[i] = (second ? rows(1, 1) : rows(0, 1)) - matches.k[i] * row_w.y();
+      const OfCoordinate of{1 - matches.coordinate[i], matches.coordinate[i]};
+      normal_x[i] = of(rows(0, 0), rows(1, 0)) - matches.k[i] * row_w.x();
+      normal_y[i] = of(rows(0, 1), rows(1, 1)) - matches.k[i] * row_w.y();
     }
     using Array = Eigen::Array<double, kLanes, 1>;
     Eigen::Map<Array>(norm.data()) =
         (Eigen::Map<Array>(normal_x.data()).square() + Eigen::Map<Array>(normal_y.data()).square()).sqrt();
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const bool second = matches.coordinate[i] > 0.5;
+      const OfCoordinate of{1 - matches.coordinate[i], matches.coordinate[i]};
       const double k = matches.k[i], x = matches.x[i], y = matches.y[i];
       const double toward_dark = matches.dark[i] / norm[i];
       const double n_x = toward_dark * normal_x[i], n_y = toward_dark * normal_y[i];
-      const double n_z = toward_dark * ((second ? rows(1, 2) : rows(0, 2)) - k * row_w.z());
+      const double n_z = toward_dark * (of(rows(0, 2), rows(1, 2)) - k * row_w.z());
       // B + a2 D: D along the line, a cell long, B on its zero.
-      const double D_x = second ? steps(0, 0) : steps(0, 1), B_x = h0.x() + k * (second ? steps(0, 1) : steps(0, 0));
-      const double D_y = second ? steps(1, 0) : steps(1, 1), B_y = h0.y() + k * (second ? steps(1, 1) : steps(1, 0));
-      const double D_z = second ? steps(2, 0) : steps(2, 1), B_z = h0.z() + k * (second ? steps(2, 1) : steps(2, 0));
+      const double D_x = of(steps(0, 1), steps(0, 0)), B_x = h0.x() + k * of(steps(0, 0), steps(0, 1));
+      const double D_y = of(steps(1, 1), steps(1, 0)), B_y = h0.y() + k * of(steps(1, 0), steps(1, 1));
+      const double D_z = of(steps(2, 1), steps(2, 0)), B_z = h0.z() + k * of(steps(2, 0), steps(2, 1));
       const double MM = x * x + y * y + 1, MD = x * D_x + y * D_y + D_z, MB = x * B_x + y * B_y + B_z;
       const double DD = D_x * D_x + D_y * D_y + D_z * D_z, DB = D_x * B_x + D_y * B_y + D_z * B_z;
       const double a2 = clamped((MD * MB - MM * DB) / (MM * DD - MD * MD), matches.begin[i], matches.end[i]);
@@ -199,7 +199,7 @@ class ProjectedLattice {
       c.g_y[i] = scale * n_y;
       c.g_z[i] = -scale * inverse_z * (n_x * E_x + n_y * E_y);
     }
-    c.count = matches.count;
+    c.set_count(matches.count);
   }
 
   /// One line, and the event's foot on it.
@@ -259,6 +259,13 @@ class ProjectedLattice {
   Eigen::Vector3d point(double x, double y) const noexcept { return x * steps_.col(0) + y * steps_.col(1) + h0_; }
 
  private:
+  // Chooses between numbers of both coordinates, one of which has the weight 1 and the other 0: conditions have the
+  // compiler make branches of a loop.
+  struct OfCoordinate {
+    double first, second;
+    double operator()(double of_first, double of_second) const noexcept { return first * of_first + second * of_second; }
+  };
+
   // Vectors have these as one instruction; of a NaN they make the bound.
   static double larger(double x, double bound) noexcept { return x > bound ? x : bound; }
   static double clamped(double x, double low, double high) noexcept {
