@@ -1,7 +1,9 @@
 #pragma once
 // Floor 7. A marker from its detection on: followed from both poses that a plane allows, until the events decide.
 #include <chrono>
+#include <concepts>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "evmarker/detection.hpp"
@@ -29,6 +31,16 @@ class FoundMarker {
     if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
       if (settle()) return &tracker_.tell();
     return pose;
+  }
+
+  /// Takes many: see MarkerTracker::push.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push(std::span<const Event> events, const Use& use) {
+    while (rival_ && !events.empty()) {
+      if (const PoseEstimate* const pose = push(events.front())) use(*pose);
+      events = events.subspan(1);
+    }
+    tracker_.push(events, use);
   }
 
   /// See MarkerTracker::skip.

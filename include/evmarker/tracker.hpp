@@ -1,6 +1,9 @@
 #pragma once
 // Floor 10. Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
+#include <algorithm>
+#include <array>
 #include <concepts>
+#include <ranges>
 #include <span>
 #include <utility>
 
@@ -30,9 +33,26 @@ class Tracker {
   std::span<const PoseEstimate> push(const E& foreign_event) {
     const Event event = to_event(foreign_event);
     if (!core_.push(event)) return {};
-    if (core_.look_due(event.t)) findings_ = answer(detector_, core_.polarity_frame(), core_.look(event.t));
-    if (core_.answer_due(event.t)) core_.take(findings_);
+    look_after(event);
     return core_.poses();
+  }
+
+  /// Takes many events and calls `use(pose)` with each pose that they led to, in order of time: the same as one by one,
+  /// and faster.
+  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(const Events& events, const Use& use) {
+    if constexpr (std::same_as<std::ranges::range_value_t<Events>, Event>) {
+      push_own(std::span<const Event>(events), use);
+    } else {
+      std::array<Event, 256> own;
+      for (std::span<const std::ranges::range_value_t<Events>> left(events); !left.empty();) {
+        const std::size_t count = std::min(left.size(), own.size());
+        std::ranges::transform(left.first(count), own.begin(), [](const auto& event) { return to_event(event); });
+        push_own(std::span<const Event>(own).first(count), use);
+        left = left.subspan(count);
+      }
+    }
   }
 
   const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
@@ -41,6 +61,24 @@ class Tracker {
   auto markers() const noexcept { return core_.markers(); }
 
  private:
+  template <typename Use>
+  void push_own(std::span<const Event> events, const Use& use) {
+    while (!events.empty()) {
+      bool due = false;
+      const auto stop = [&](const Event& event) { return due = core_.look_due(event.t) || core_.answer_due(event.t); };
+      const std::size_t taken = core_.push(events, stop, use);
+      if (due) look_after(events[taken - 1]);
+      std::ranges::for_each(core_.poses(), use);
+      events = events.subspan(taken);
+    }
+  }
+
+  // Looks at the polarity frame, or takes what was found, if it is time for that.
+  void look_after(const Event& event) {
+    if (core_.look_due(event.t)) findings_ = answer(detector_, core_.polarity_frame(), core_.look(event.t));
+    if (core_.answer_due(event.t)) core_.take(findings_);
+  }
+
   TrackerCore<Rule, Filter> core_;
   Detector detector_;
   Findings findings_;  // of the last look

@@ -1,9 +1,12 @@
 #pragma once
 // Floor 9. Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <concepts>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <ranges>
 #include <span>
 #include <stdexcept>
@@ -54,20 +57,15 @@ class TrackerCore {
     markers_.reserve(settings.max_markers);
     candidates_.reserve(settings.max_markers);
     missing_.reserve(settings.max_markers);
-    poses_.reserve(settings.max_markers);
+    poses_.reserve(settings.max_markers + kBetweenChecks);
+    order_.reserve(poses_.capacity());
+    inboxes_.resize(settings.max_markers);
   }
 
   /// Takes one event: `poses()` are then those that it led to. False if it was discarded.
   bool push(const Event& event) {
-    poses_.clear();
-    if (!count(event)) return false;
-    if (!filter_.accept(event)) {
-      ++statistics_.filtered;
-      return false;
-    }
-    looks_.count_event();
-    frame_.update(event);
-    history_.push(event);
+    begin();
+    if (!enter(event)) return false;
     tiles_.for_each_at(event, [&](std::size_t i) {
       const PoseEstimate* const pose = markers_[i].push(event);
       if (pose == nullptr) return;
@@ -78,6 +76,41 @@ class TrackerCore {
     if (!candidates_.empty()) [[unlikely]]
       catch_up(kEventsForOne);
     return true;
+  }
+
+  /// Takes the first of some events, as many as suit it, but none after one about which `stop(event)` is true. It is
+  /// asked about each that is not discarded. Then `use(pose)` is called with each pose, in order of time: the same as
+  /// one by one, and faster. None are left in `poses()`.
+  /// @return how many were taken
+  template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
+  std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
+    if (events.empty()) return 0;
+    if (!candidates_.empty()) {
+      if (push(events.front())) stop(events.front());
+      std::ranges::for_each(poses_, use);
+      poses_.clear();
+      return 1;
+    }
+    begin();
+    events = events.first(std::min({events.size(), kTogether * std::max<std::size_t>(markers_.size(), 1),
+                                    kBetweenChecks - statistics_.events % kBetweenChecks}));
+    std::size_t taken = 0;
+    for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
+      const Event& event = events[taken];
+      if (!enter(event)) continue;
+      tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+      stopped = stop(event);
+    }
+    for (std::size_t i = 0; i < markers_.size(); ++i) {
+      const std::size_t before = poses_.size();
+      markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) { deliver(pose); });
+      inboxes_[i].clear();
+      if (poses_.size() > before) tiles_.move(i, markers_[i].reach());
+    }
+    if (!poses_.empty()) drop_lost();
+    in_order_of_time(use);
+    poses_.clear();
+    return taken;
   }
 
   /// Whether a marker that was found has not seen all events yet that came since the look.
@@ -107,6 +140,7 @@ class TrackerCore {
       if (const PoseEstimate* const lost = marker.skip(missing)) deliver(*lost);
     drop_lost();
     place_markers();
+    searching_ = searching();
   }
 
   /// The poses since the last event was pushed, valid until the next one is.
@@ -114,7 +148,7 @@ class TrackerCore {
   void clear_poses() noexcept { poses_.clear(); }
 
   /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
-  bool look_due(Timestamp t) const noexcept { return looks_.due(t, searching()); }
+  bool look_due(Timestamp t) const noexcept { return looks_.due(t, searching_); }
 
   /// Whether a marker is looked for that should be there: none is tracked, or not confirmed, or one was just lost.
   bool searching() const noexcept { return markers_.empty() || !candidates_.empty() || !missing_.empty(); }
@@ -157,6 +191,7 @@ class TrackerCore {
     }
     announce_confirmed();
     drop_lost();
+    searching_ = searching();
   }
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
@@ -171,12 +206,56 @@ class TrackerCore {
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
+  static constexpr std::size_t kTogether = 64;        // events: so many for each marker make good groups
+  static constexpr std::size_t kBetweenChecks = 1024;  // events: as many wait in a marker's inbox at most
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
+
+  // The events of a marker that wait for those of the others.
+  class Inbox {
+   public:
+    void push(const Event& event) noexcept { events_[count_++] = event; }
+    void clear() noexcept { count_ = 0; }
+    std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
+
+   private:
+    std::array<Event, kBetweenChecks> events_{};
+    std::size_t count_ = 0;
+  };
+
+  // Whether markers are looked for is seen anew after the same events, however many of them come together.
+  void begin() noexcept {
+    poses_.clear();
+    if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
+  }
+
+  // The poses of each marker are.
+  template <typename Use>
+  void in_order_of_time(const Use& use) {
+    order_.resize(poses_.size());
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    std::ranges::sort(order_, [&](std::size_t a, std::size_t b) {
+      return std::pair(poses_[a].t, a) < std::pair(poses_[b].t, b);
+    });
+    for (const std::size_t i : order_) use(poses_[i]);
+  }
 
   struct Missing {
     FoundMarker<Rule> marker;
     Timestamp since;
   };
+
+  // Counts, filters and remembers the event; false if it is discarded.
+  bool enter(const Event& event) {
+    if (!count(event)) return false;
+    if (!filter_.accept(event)) {
+      ++statistics_.filtered;
+      return false;
+    }
+    looks_.count_event();
+    frame_.update(event);
+    history_.push(event);
+    return true;
+  }
 
   // Counts the event; false if it is not on the sensor.
   bool count(const Event& event) noexcept {
@@ -281,6 +360,9 @@ class TrackerCore {
   std::vector<Candidate<Rule>> candidates_;
   std::vector<Missing> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
+  std::vector<std::size_t> order_;  // of them, by time
+  std::vector<Inbox> inboxes_;      // of `markers_`
+  bool searching_ = true;           // as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
   TrackerStatistics statistics_;
