@@ -294,7 +294,7 @@ TEST_CASE("impossible settings are refused with field and value") {
   CHECK(message_of({.translation_gain = infinity}) == "decoupled update: translation_gain is inf");
   CHECK(message_of({.rotation_gain = -2}) == "decoupled update: rotation_gain is -2.000000");
   CHECK(message_of({.rotation_gain = nan}) == "decoupled update: rotation_gain is nan");
-  CHECK(message_of({.torque_length_unit_m = 0}) == "decoupled update: torque_length_unit_m is 0.000000");
+  CHECK(message_of({.torque_length_unit_m = -1}) == "decoupled update: torque_length_unit_m is -1.000000");
   CHECK(message_of({.torque_length_unit_m = nan}) == "decoupled update: torque_length_unit_m is nan");
   CHECK(message_of({}, 0) == "decoupled update: events_per_update is 0");
   CHECK(message_of({}, -5) == "decoupled update: events_per_update is -5");

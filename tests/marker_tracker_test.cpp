@@ -2,8 +2,11 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstring>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -167,6 +170,56 @@ TEST_CASE("foreign event types give the same poses") {
   }
   REQUIRE(poses > 20);
   CHECK(ours.T_camera_marker().matrix() == theirs.T_camera_marker().matrix());
+}
+
+TEST_CASE_TEMPLATE("events that come together give the poses that they give one by one, bit for bit", Rule,
+                   DecoupledUpdate, KalmanUpdate) {
+  struct Foreign {
+    float x, y;
+    int p;
+    std::int64_t t;
+  };
+  const Trajectory motion = simulated::near_motion(47);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.4, 47));
+  for (std::size_t i = 1000; i < events.size(); i += 1000) events[i].x = 60000;  // off the sensor
+  const auto clutter = simulated::filtered(simulated::near_events(simulated::near_motion(48), 0.1, 48));
+  for (Event event : clutter) {  // of another marker: this one is lost
+    event.t += 400000;
+    events.push_back(event);
+  }
+  std::vector<Foreign> foreign;
+  for (const Event& event : events)
+    foreign.push_back({static_cast<float>(event.x), static_cast<float>(event.y), event.p, event.t});
+  for (const int n : {1, 4, 10, 100}) {
+    CAPTURE(n);
+    auto one_by_one = code_tracker<Rule>(detected(motion(0)), {.events_per_update = n});
+    std::vector<PoseEstimate> expected;
+    for (const Event& event : events)
+      if (const auto pose = one_by_one.push(event)) expected.push_back(*pose);
+    REQUIRE(expected.size() > 0.3 * static_cast<double>(events.size()) / n);
+    CHECK(expected.back().quality.state == TrackingState::lost);
+    for (const std::size_t together : {1, 7, 256, 1000000}) {
+      CAPTURE(together);
+      auto tracker = code_tracker<Rule>(detected(motion(0)), {.events_per_update = n});
+      std::size_t poses = 0, different = 0;
+      const auto compare = [&](const PoseEstimate& pose) {
+        const PoseEstimate& other = expected.at(poses++);
+        different += pose.t != other.t || pose.T_camera_marker.matrix() != other.T_camera_marker.matrix() ||
+                     pose.quality.state != other.quality.state || pose.covariance != other.covariance ||
+                     pose.quality.backtrack_t != other.quality.backtrack_t ||
+                     pose.quality.backtrack_rad != other.quality.backtrack_rad;
+      };
+      for (std::size_t i = 0; i < events.size(); i += together) {
+        const std::size_t count = std::min(together, events.size() - i);
+        if (together == 7)
+          tracker.push(std::span<const Foreign>(foreign).subspan(i, count), compare);
+        else
+          tracker.push(std::span<const Event>(events).subspan(i, count), compare);
+      }
+      CHECK(poses == expected.size());
+      CHECK(different == 0);
+    }
+  }
 }
 
 TEST_CASE("events that belong to nothing are survived") {

@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -25,6 +27,25 @@ double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
 opencv::ArucoDetector<PinholeCamera> aruco() {
   return {simulated::camera, {.dictionary = "DICT_4X4_50", .marker_length = simulated::kMarkerLength}};
 }
+
+// Knows where all markers are, at every look.
+struct AllKnowing {
+  std::vector<Trajectory> motions;
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+    std::vector<MarkerDetection> detections;
+    for (std::size_t i = 0; i < motions.size(); ++i) {
+      auto detection = KnowingDetector{motions[i]}.detect(frame).front();
+      detection.id = static_cast<MarkerId>(i);
+      detections.push_back(detection);
+    }
+    return detections;
+  }
+  MarkerModel model(MarkerId id) const {
+    CodeBits bits = simulated::code();
+    if (id == 1) bits(0, 0) = !bits(0, 0);
+    return make_code_marker(simulated::kMarkerLength, bits);
+  }
+};
 
 template <typename T>
 std::vector<PoseEstimate> track(T& tracker, const std::vector<Event>& events) {
@@ -98,6 +119,67 @@ TEST_CASE("the same events give the same poses, bit for bit") {
   for (std::size_t i = 0; i < a.size(); ++i) {
     CHECK(a[i].t == b[i].t);
     CHECK(a[i].T_camera_marker.matrix() == b[i].T_camera_marker.matrix());
+  }
+}
+
+TEST_CASE("however many events come together, the poses are the same, bit for bit, and in order") {
+  // Three markers, one of them hidden for a while: found, followed, lost and found again.
+  const Trajectory left = simulated::near_motion(56), middle = simulated::near_motion(57);
+  const auto moved = [](const Trajectory& motion, double x) {
+    return [motion, x](double s) {
+      Eigen::Isometry3d T = motion(s);
+      T.translation() += Eigen::Vector3d(x, 0, 0.5);
+      return T;
+    };
+  };
+  const auto board = [](double s) -> Eigen::Vector2d {
+    return {s < 0.3 ? -400 : s < 0.5 ? -400 + (s - 0.3) / 0.05 * 300 : 2000, 240};
+  };
+  CodeBits other = simulated::code();
+  other(0, 0) = !other(0, 0);
+  const Scene scene{{{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = moved(left, -0.12)},
+                     {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = moved(middle, 0.08)}},
+                    {{.center_px = board, .half_size_px = {150, 240}}},
+                    {}};
+  const auto events = simulated::record({simulated::camera, scene, {.duration_s = 0.8, .seed = 56}});
+  const auto run = [&](std::size_t together) {
+    Tracker tracker(simulated::camera, AllKnowing{{moved(left, -0.12), moved(middle, 0.08)}});
+    std::vector<PoseEstimate> poses;
+    if (together == 0) return std::pair(track(tracker, events), tracker.statistics());
+    for (std::size_t i = 0; i < events.size(); i += together)
+      tracker.push(std::span(events).subspan(i, std::min(together, events.size() - i)),
+                   [&](const PoseEstimate& pose) { poses.push_back(pose); });
+    return std::pair(poses, tracker.statistics());
+  };
+  const auto [expected, statistics] = run(0);
+  REQUIRE(expected.size() > 1000);
+  REQUIRE(statistics.registered >= 2);
+  REQUIRE(statistics.lost >= 1);
+  const auto by_marker = [](const std::vector<PoseEstimate>& poses, MarkerId id) {
+    std::vector<PoseEstimate> its;
+    std::ranges::copy_if(poses, std::back_inserter(its), [id](const PoseEstimate& pose) { return pose.id == id; });
+    return its;
+  };
+  for (const std::size_t together : {1, 100, 5000, 100000000}) {
+    CAPTURE(together);
+    const auto [poses, again] = run(together);
+    CHECK(again.events == statistics.events);
+    CHECK(again.filtered == statistics.filtered);
+    CHECK(again.detections == statistics.detections);
+    CHECK(again.registered == statistics.registered);
+    CHECK(again.lost == statistics.lost);
+    CHECK(again.replayed == statistics.replayed);
+    CHECK(std::ranges::is_sorted(poses, {}, &PoseEstimate::t) ==
+          std::ranges::is_sorted(expected, {}, &PoseEstimate::t));
+    for (const MarkerId id : {0, 1}) {
+      const auto a = by_marker(poses, id), b = by_marker(expected, id);
+      REQUIRE(a.size() > 100);
+      REQUIRE(a.size() == b.size());
+      std::size_t different = 0;
+      for (std::size_t i = 0; i < a.size(); ++i)
+        different += a[i].t != b[i].t || a[i].T_camera_marker.matrix() != b[i].T_camera_marker.matrix();
+      CHECK(different == 0);
+    }
   }
 }
 

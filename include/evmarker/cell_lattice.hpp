@@ -31,9 +31,9 @@ class CellLattice {
     // at most the greater of that and `at_most`: (0, 0) beside an edge, (inf, inf) where there is none, (0, inf) around
     // a point where an edge ends.
     double at_least = kNever, at_most = kNever;
-    double line = 0;                          ///< that it is on
-    double begin = 0, end = 0;                ///< as in Edge
-    double dark = 0;                          ///< as in Edge
+    double line = 0;                            ///< that it is on
+    double begin = 0, end = 0;                  ///< as in Edge
+    double dark = 0;                            ///< as in Edge
     std::int32_t coordinate = 0, segment = -1;  ///< of the line, and as in Edge
   };
 

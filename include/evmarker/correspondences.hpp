@@ -1,22 +1,22 @@
 #pragma once
-// Floor 2. Matched events number by number, for update rules that take eight of them at once.
+// Floor 1. Matched events number by number, for update rules that take eight of them at once.
 #include <array>
 #include <cstddef>
 
-#include "evmarker/event_group.hpp"
+#include "evmarker/lanes.hpp"
 
 namespace evmarker {
 
 /// Up to eight events matched at one pose: what `Correspondence` says of each, in lanes, toward the dark side of its
 /// edge. Lanes from `count` on mean nothing.
 struct alignas(64) Correspondences {
-  Lanes t;                       ///< [us]
-  Lanes distance_px;             ///< Eq. (1)
-  Lanes M_x, M_y;                ///< line of sight (x, y; 1), Eq. (2)
-  Lanes F_x, F_y, F_z;           ///< point on the line of sight, Eq. (3)
-  Lanes E_x, E_y, E_z;           ///< point on the segment, Eq. (4)
-  Lanes g_x, g_y, g_z;           ///< how far E moves along the edge's image normal, by E [px/m]
-  Lanes is_event;                ///< 1, and 0 from `count` on
+  Lanes t;              ///< [us]
+  Lanes distance_px;    ///< Eq. (1)
+  Lanes M_x, M_y;       ///< line of sight (x, y; 1), Eq. (2)
+  Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
+  Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
+  Lanes g_x, g_y, g_z;  ///< how far E moves along the edge's image normal, by E [px/m]
+  Lanes is_event;       ///< 1, and 0 from `count` on
   std::size_t count = 0;
 
   void set_count(std::size_t events) noexcept {
@@ -24,15 +24,6 @@ struct alignas(64) Correspondences {
     count = events;
     for (std::size_t i = 0; i < kLanes; ++i) is_event[i] = kOnes[kLanes - events + i];
   }
-
 };
-
-/// The sum of the lanes.
-[[gnu::always_inline]] inline double sum(const Lanes& lanes) noexcept {
-  double four[4], two[2];
-  for (std::size_t i = 0; i < 4; ++i) four[i] = lanes[i] + lanes[i + 4];
-  for (std::size_t i = 0; i < 2; ++i) two[i] = four[i] + four[i + 2];
-  return two[0] + two[1];
-}
 
 }  // namespace evmarker

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -22,9 +21,9 @@ struct DecoupledSettings {
   double averaging_weight = 0;
   double translation_gain = 1.4;  ///< lambda_T of Eq. (10)
   double rotation_gain = 3;       ///< lambda_r, of the torque divided by the mean squared lever arm
-  /// The paper leaves the torque of Eq. (11) in units of length squared. If set, it is not divided by the lever arm but
-  /// measured in this unit [m].
-  std::optional<double> torque_length_unit_m = std::nullopt;
+  /// The paper leaves the torque of Eq. (11) in units of length squared: measured in this unit [m]. 0 has it divided by
+  /// the mean squared lever arm.
+  double torque_length_unit_m = 0;
 
   /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
   static DecoupledSettings paper() {
@@ -47,11 +46,11 @@ class DecoupledUpdate {
       if (!good) throw std::invalid_argument(std::string("decoupled update: ") + name + " is " + std::to_string(value));
     };
     const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
-    const double w0 = settings_.averaging_weight, unit = settings_.torque_length_unit_m.value_or(1);
+    const double w0 = settings_.averaging_weight, unit = settings_.torque_length_unit_m;
     require(positive(w0) && w0 <= 1, "averaging_weight", w0);
     require(positive(settings_.translation_gain), "translation_gain", settings_.translation_gain);
     require(positive(settings_.rotation_gain), "rotation_gain", settings_.rotation_gain);
-    require(positive(unit), "torque_length_unit_m", unit);
+    require(unit == 0 || positive(unit), "torque_length_unit_m", unit);
     renewed_ = std::min(1.0, events_per_update * w0);
     for (std::size_t i = 0; i <= kLanes; ++i) kept_[i] = std::pow(1 - w0, i);
     for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = w0 * kept_[kLanes - 1 - i];
@@ -96,7 +95,9 @@ class DecoupledUpdate {
       const double pull_x = c.F_x[i] - c.E_x[i], pull_y = c.F_y[i] - c.E_y[i], pull_z = c.F_z[i] - c.E_z[i];
       const double lever_x = c.E_x[i] - T_x, lever_y = c.E_y[i] - T_y, lever_z = c.E_z[i] - T_z;
       const double weight = weights[i];
-      const auto average = [&](std::size_t k, double value) __attribute__((always_inline)) { sums_[k][i] = kept * sums_[k][i] + weight * value; };
+      const auto average = [&](std::size_t k, double value) __attribute__((always_inline)) {
+        sums_[k][i] = kept * sums_[k][i] + weight * value;
+      };
       average(0, by_MM * x * x);
       average(1, by_MM * x * y);
       average(2, by_MM * y * y);
@@ -121,8 +122,7 @@ class DecoupledUpdate {
     const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
     const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
-    const double unit2 =
-        settings_.torque_length_unit_m ? *settings_.torque_length_unit_m * *settings_.torque_length_unit_m : lever2_;
+    const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : lever2_;
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
     const double step = renewed_ * settings_.translation_gain / determinant;
     const Eigen::Vector3d dT(step * (c_xx * B_.x() + c_xy * B_.y() + c_xz * B_.z()),  // Eqs. (7), (10)
@@ -171,10 +171,10 @@ class DecoupledUpdate {
   Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
   double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
-  alignas(64) std::array<Lanes, 13> sums_{};      // what the averages gain by the events since the last update
-  double faded_ = 1;                              // what they keep of what they were before
-  std::array<double, kLanes + 1> kept_{};         // by so many events
-  std::array<double, 2 * kLanes> weights_{};      // of eight events one after the other, and of none
+  alignas(64) std::array<Lanes, 13> sums_{};  // what the averages gain by the events since the last update
+  double faded_ = 1;                          // what they keep of what they were before
+  std::array<double, kLanes + 1> kept_{};     // by so many events
+  std::array<double, 2 * kLanes> weights_{};  // of eight events one after the other, and of none
 };
 
 static_assert(GroupUpdateRule<DecoupledUpdate>);

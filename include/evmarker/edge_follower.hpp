@@ -174,15 +174,7 @@ class EdgeFollower {
     if (choice.result == MatchResult::far) return {choice.result};
     ++offered_;
     if (choice.result != MatchResult::matched) return {choice.result};
-    const std::size_t i = waiting_.count++;
-    waiting_.x[i] = x;
-    waiting_.y[i] = y;
-    waiting_.t[i] = static_cast<double>(t);
-    waiting_.coordinate[i] = static_cast<double>(choice.edge->coordinate);
-    waiting_.k[i] = choice.edge->line;
-    waiting_.begin[i] = choice.edge->begin;
-    waiting_.end[i] = choice.edge->end;
-    waiting_.dark[i] = choice.edge->dark;
+    waiting_.set(waiting_.count++, x, y, t, *choice.edge);
     const bool enough = ++matched_ == events_per_update_;
     if (waiting_.count == kLanes || enough) add_waiting();
     return {choice.result, enough && update(t), choice.edge->segment};
@@ -196,7 +188,7 @@ class EdgeFollower {
     if constexpr (GroupUpdateRule<Rule>) {
       in_wide_vectors([&]() __attribute__((always_inline)) {
         Correspondences c;
-        matcher_.projected().correspond(waiting_, matcher_.focal_length(), c);
+        correspond(matcher_.projected(), waiting_, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
         for (std::size_t i = 0; i < kLanes; ++i) c.distance_px[i] *= c.is_event[i] * c.distance_px[i];
         squared_px_ += sum(c.distance_px);
@@ -231,7 +223,7 @@ class EdgeFollower {
   bool in_front_ = true;
   int matched_ = 0, offered_ = 0, skipped_updates_ = 0;
   double squared_px_ = 0;
-  ProjectedLattice::Matches waiting_;
+  LatticeMatches waiting_;
   UpdateStatistics last_update_;
   bool in_groups_;
   bool polarity_check_;

@@ -4,13 +4,9 @@
 #include <cstddef>
 
 #include "evmarker/event.hpp"
+#include "evmarker/lanes.hpp"
 
 namespace evmarker {
-
-/// Numbers that are computed together are in lanes of eight: one vector of 512 bits, two of 256, four of 128.
-inline constexpr std::size_t kLanes = 8;
-
-using Lanes = std::array<double, kLanes>;
 
 /// Some events by their lines of sight (x, y; 1) and times. Filled up to whole lanes with ones that mean nothing.
 class EventGroup {

@@ -72,7 +72,7 @@ class KalmanMeasurements {
   }
 
  private:
-  static constexpr int kFew = 10;      // measured: from 12 on, all at once is faster
+  static constexpr int kFew = 10;  // measured: from 12 on, all at once is faster
   static constexpr std::size_t kWaiting = 4 * kLanes;
 
   // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, lane by lane.
@@ -101,7 +101,8 @@ class KalmanMeasurements {
     for (std::size_t j = 0; j < 8; ++j)
 #pragma GCC unroll 8
       for (std::size_t k = j; k < 8; ++k, ++place)
-        for (std::size_t i = 0; i < kLanes; ++i) squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
+        for (std::size_t i = 0; i < kLanes; ++i)
+          squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
   }
 
   struct Row {
@@ -234,7 +235,8 @@ class KalmanMeasurements {
   // That are not in the squares yet, number by number.
   alignas(64) std::array<std::array<double, kWaiting>, 8> rows_{};
   alignas(64) std::array<double, kWaiting> weights_{};
-  alignas(64) std::array<Lanes, 36> squares_{};  // lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun
+  alignas(
+      64) std::array<Lanes, 36> squares_{};  // lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun
   bool squares_begun_ = false;
   int count_ = 0;
   std::size_t waiting_ = 0;

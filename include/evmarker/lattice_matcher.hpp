@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "evmarker/cell_lattice.hpp"
+#include "evmarker/lattice_lanes.hpp"
 #include "evmarker/projected_lattice.hpp"
 #include "evmarker/segment_matcher.hpp"
 #include "evmarker/wide_vectors.hpp"
@@ -91,20 +92,21 @@ class LatticeMatcher {
 
   /// The same for many events, faster.
   void choose(const EventGroup& events, Choices& choices) const noexcept {
-    ProjectedLattice::ManyLines lines;
-    alignas(64) std::array<int, EventGroup::kMost> stretch[2];
+    LatticeLines lines;
     const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
+    const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
     const Stretch* const stretches = lattice_->stretches();
     in_wide_vectors([&]() __attribute__((always_inline)) {
-      projected_.nearest_lines(fringe_, events, lines);
-      number_stretches(events.in_lanes(), lines, stretch);
+      nearest_lines(projected_, fringe_, end_margin_cells_, events, lines);
       for (std::size_t from = 0; from < events.count(); from += kLanes)
         for (std::size_t i = from; i < from + kLanes; ++i) {
-          const double squared[2] = {lines.squared[0][i], lines.squared[1][i]};
-          const double at_most[2] = {larger(squared[0], stretches[stretch[0][i]].at_most), larger(squared[1], stretches[stretch[1][i]].at_most)};
-          const double other = larger(larger(squared[0], stretches[stretch[0][i]].at_least), larger(squared[1], stretches[stretch[1][i]].at_least));
-          const double best = at_most[1] < at_most[0] ? at_most[1] : at_most[0];
-          int choice = at_most[1] < at_most[0] ? stretch[1][i] : stretch[0][i];
+          const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
+          const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);
+          const double x_most = larger(lines.squared[0][i], stretches[x].at_most);
+          const double y_most = larger(lines.squared[1][i], stretches[y].at_most), best = smaller(y_most, x_most);
+          const double other = larger(larger(lines.squared[0][i], stretches[x].at_least),
+                                      larger(lines.squared[1][i], stretches[y].at_least));
+          int choice = y_most < x_most ? y : x;
           choice = best <= limit2 ? choice : Choices::kUnsure;
           choice = other > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
           choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
@@ -143,24 +145,6 @@ class LatticeMatcher {
   using Lines = ProjectedLattice::Lines;
   using Line = ProjectedLattice::Line;
   using Stretch = CellLattice::Stretch;
-
-  static double larger(double x, double y) noexcept { return x > y ? x : y; }
-
-  // Which stretches of the nearest lines the feet are on.
-  [[gnu::always_inline]] void number_stretches(std::size_t count, const ProjectedLattice::ManyLines& lines,
-                                               std::array<int, EventGroup::kMost> (&stretch)[2]) const noexcept {
-    constexpr double kRounding = ProjectedLattice::kRounding;
-    const double before = before_(0), behind = behind_(0), of_line = stretches_of_line_;
-    for (std::size_t c = 0; c < 2; ++c) {
-      const double first = first_stretch_[c];
-      for (std::size_t from = 0; from < count; from += kLanes)
-        for (std::size_t i = from; i < from + kLanes; ++i) {
-          const double number = ((lines.foot[c][i] - before) + kRounding) - kRounding;
-          const double other_number = ((lines.foot[c][i] - behind) + kRounding) - kRounding;
-          stretch[c][i] = static_cast<int>(first + of_line * lines.k[c][i] + number + other_number);
-        }
-    }
-  }
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     Correspondence found;  // not the caller's: that one need not be in memory

@@ -84,7 +84,7 @@ class MarkerTracker {
     if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
     if (capturing_) [[unlikely]]
-      return capture(Event(event), m);  // a copy: `event` itself stays in registers
+      return capture(Event(event), m);                            // a copy: `event` itself stays in registers
     return note(event, follower_.push(m, event.t, event.p > 0));  // a NaN direction is far from everything
   }
 
@@ -103,8 +103,9 @@ class MarkerTracker {
         return std::pair(line_of_sight(event), event.t);
       });
       const PoseEstimate* pose = nullptr;
-      const std::size_t taken =
-          follower_.push(group, [&](std::size_t i, const auto& result) { if (const auto* const p = note(to_event(events[i]), result)) pose = p; });
+      const std::size_t taken = follower_.push(group, [&](std::size_t i, const auto& result) {
+        if (const auto* const p = note(to_event(events[i]), result)) pose = p;
+      });
       if (pose) use(*pose);
       events = events.subspan(taken);
     }

@@ -1,17 +1,11 @@
 #pragma once
-// Floor 2. A code marker's lattice of cells as a camera sees it: which of its lines are nearest to an event.
+// Floor 1. A code marker's lattice of cells as a camera sees it: which of its lines are nearest to an event.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
-#include <utility>
-
-#include "evmarker/correspondences.hpp"
-#include "evmarker/event_group.hpp"
 
 namespace evmarker {
 
@@ -61,6 +55,14 @@ class ProjectedLattice {
   double rate() const noexcept { return rate_; }
   double cells() const noexcept { return cells_; }
 
+  /// Homogeneous lattice coordinates (x, y; 1) to camera frame [m]: the steps to the next cell, and the top left
+  /// corner.
+  const Eigen::Matrix<double, 3, 2>& steps() const noexcept { return steps_; }
+  const Eigen::Vector3d& corner() const noexcept { return h0_; }
+  /// The inverse, but for a factor: the rows of both coordinates and of the third.
+  const Eigen::Array<double, 2, 3>& rows() const noexcept { return rows_; }
+  const Eigen::Vector3d& row_w() const noexcept { return row_w_; }
+
   /// An event in homogeneous lattice coordinates (a; w): those of the line of sight's intersection with the marker.
   struct Sight {
     Eigen::Array2d a;
@@ -104,102 +106,6 @@ class ProjectedLattice {
     lines.foot_a = lines.norm2 * s.a.reverse() - lines.e * (along_x_ * lines.normal_x + along_y_ * lines.normal_y);
     lines.foot_w = lines.norm2 * s.w - lines.e * (row_w_x_ * lines.normal_x + row_w_y_ * lines.normal_y);
     return lines;
-  }
-
-  /// The same of many events: coordinate by coordinate, number by number.
-  struct ManyLines {
-    using Numbers = std::array<double, EventGroup::kMost>;
-    alignas(64) std::array<Numbers, 2> k, squared, foot;  ///< the foot in cells along the line, at most half outside
-    alignas(64) Numbers within;  ///< 1 if the event is so near to the marker, else 0
-    alignas(64) Numbers exists;  ///< 1 if both feet are before the horizon, else 0
-  };
-
-  [[gnu::always_inline]] void nearest_lines(double fringe, const EventGroup& events, ManyLines& lines) const noexcept {
-    // Copies: the compiler cannot know that the results are not written over the originals.
-    const double cells = cells_, centre = centre_, reach = centre_ + fringe;
-    const double w_x = row_w_.x(), w_y = row_w_.y(), w_z = row_w_.z();
-    const double x_x = rows_(0, 0), x_y = rows_(0, 1), x_z = rows_(0, 2);
-    const double y_x = rows_(1, 0), y_y = rows_(1, 1), y_z = rows_(1, 2);
-    for (std::size_t from = 0; from < events.count(); from += kLanes)
-      for (std::size_t i = from; i < from + kLanes; ++i) {
-        const double x = events.x[i], y = events.y[i];
-        const double a_x = x_x * x + x_y * y + x_z, a_y = y_x * x + y_y * y + y_z, w = w_x * x + w_y * y + w_z;
-        const double from_centre = larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
-        lines.within[i] = from_centre < reach * w ? 1 : 0;
-        double exists = 1;
-        const auto nearest = [&](std::size_t c, double row_x, double row_y, double a, double along_x, double along_y,
-                                 double a_along) __attribute__((always_inline)) {
-          const double k = (clamped(a * by_w, 0, cells) + kRounding) - kRounding;
-          const double e = a - k * w, normal_x = row_x - k * w_x, normal_y = row_y - k * w_y;
-          const double norm2 = normal_x * normal_x + normal_y * normal_y;
-          const double foot_a = norm2 * a_along - e * (along_x * normal_x + along_y * normal_y);
-          const double foot_w = norm2 * w - e * (w_x * normal_x + w_y * normal_y);
-          const double inverse = 1 / (norm2 * foot_w);
-          lines.k[c][i] = k;
-          lines.squared[c][i] = e * e * foot_w * inverse;
-          lines.foot[c][i] = clamped(foot_a * norm2 * inverse, -0.5, cells + 0.5);
-          exists = foot_w > 0 ? exists : 0;
-        };
-        nearest(0, x_x, x_y, a_x, y_x, y_y, a_y);
-        nearest(1, y_x, y_y, a_y, x_x, x_y, a_x);
-        lines.exists[i] = exists;
-      }
-  }
-
-  /// Events that were matched to edges of the lattice, number by number.
-  struct Matches {
-    alignas(64) Lanes x, y, t;       ///< line of sight (x, y; 1) and time [us]
-    alignas(64) Lanes coordinate, k;  ///< of the line
-    alignas(64) Lanes begin, end;     ///< of the edge along it [cells]
-    alignas(64) Lanes dark;           ///< as in CellLattice::Stretch
-    std::size_t count = 0;
-  };
-
-  /// What the matches say in space, Eqs. (1) to (5).
-  [[gnu::always_inline]] void correspond(const Matches& matches, double focal_length, Correspondences& c) const noexcept {
-    const auto rows = rows_;  // copies: see nearest_lines
-    const auto steps = steps_;
-    const Eigen::Vector3d h0 = h0_, row_w = row_w_;
-    alignas(64) Lanes normal_x, normal_y, norm;
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      const OfCoordinate of{1 - matches.coordinate[i], matches.coordinate[i]};
-      normal_x[i] = of(rows(0, 0), rows(1, 0)) - matches.k[i] * row_w.x();
-      normal_y[i] = of(rows(0, 1), rows(1, 1)) - matches.k[i] * row_w.y();
-    }
-    using Array = Eigen::Array<double, kLanes, 1>;
-    Eigen::Map<Array>(norm.data()) =
-        (Eigen::Map<Array>(normal_x.data()).square() + Eigen::Map<Array>(normal_y.data()).square()).sqrt();
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      const OfCoordinate of{1 - matches.coordinate[i], matches.coordinate[i]};
-      const double k = matches.k[i], x = matches.x[i], y = matches.y[i];
-      const double toward_dark = matches.dark[i] / norm[i];
-      const double n_x = toward_dark * normal_x[i], n_y = toward_dark * normal_y[i];
-      const double n_z = toward_dark * (of(rows(0, 2), rows(1, 2)) - k * row_w.z());
-      // B + a2 D: D along the line, a cell long, B on its zero.
-      const double D_x = of(steps(0, 1), steps(0, 0)), B_x = h0.x() + k * of(steps(0, 0), steps(0, 1));
-      const double D_y = of(steps(1, 1), steps(1, 0)), B_y = h0.y() + k * of(steps(1, 0), steps(1, 1));
-      const double D_z = of(steps(2, 1), steps(2, 0)), B_z = h0.z() + k * of(steps(2, 0), steps(2, 1));
-      const double MM = x * x + y * y + 1, MD = x * D_x + y * D_y + D_z, MB = x * B_x + y * B_y + B_z;
-      const double DD = D_x * D_x + D_y * D_y + D_z * D_z, DB = D_x * B_x + D_y * B_y + D_z * B_z;
-      const double a2 = clamped((MD * MB - MM * DB) / (MM * DD - MD * MD), matches.begin[i], matches.end[i]);
-      const double a1 = (MB + a2 * MD) / MM;  // E on the line of sight
-      const double E_x = B_x + a2 * D_x, E_y = B_y + a2 * D_y, E_z = B_z + a2 * D_z;
-      const double inverse_z = 1 / E_z, scale = focal_length * inverse_z;
-      c.t[i] = matches.t[i];
-      c.distance_px[i] = focal_length * (n_x * x + n_y * y + n_z);
-      c.M_x[i] = x;
-      c.M_y[i] = y;
-      c.F_x[i] = a1 * x;
-      c.F_y[i] = a1 * y;
-      c.F_z[i] = a1;
-      c.E_x[i] = E_x;
-      c.E_y[i] = E_y;
-      c.E_z[i] = E_z;
-      c.g_x[i] = scale * n_x;
-      c.g_y[i] = scale * n_y;
-      c.g_z[i] = -scale * inverse_z * (n_x * E_x + n_y * E_y);
-    }
-    c.set_count(matches.count);
   }
 
   /// One line, and the event's foot on it.
@@ -259,20 +165,6 @@ class ProjectedLattice {
   Eigen::Vector3d point(double x, double y) const noexcept { return x * steps_.col(0) + y * steps_.col(1) + h0_; }
 
  private:
-  // Chooses between numbers of both coordinates, one of which has the weight 1 and the other 0: conditions have the
-  // compiler make branches of a loop.
-  struct OfCoordinate {
-    double first, second;
-    double operator()(double of_first, double of_second) const noexcept { return first * of_first + second * of_second; }
-  };
-
-  // Vectors have these as one instruction; of a NaN they make the bound.
-  static double larger(double x, double bound) noexcept { return x > bound ? x : bound; }
-  static double clamped(double x, double low, double high) noexcept {
-    const double above = x > low ? x : low;
-    return above < high ? above : high;
-  }
-
   void bound_rate(double z_far, double reach) noexcept {
     // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
     const double w = determinant_ - reach * z_far * row_w_.head<2>().lpNorm<1>();

@@ -206,8 +206,8 @@ class TrackerCore {
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
-  static constexpr std::size_t kTogether = 64;        // events: so many for each marker make good groups
-  static constexpr std::size_t kBetweenChecks = 1024;  // events: as many wait in a marker's inbox at most
+  static constexpr std::size_t kTogether = 64;           // events: so many for each marker make good groups
+  static constexpr std::size_t kBetweenChecks = 1024;    // events: as many wait in a marker's inbox at most
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
 
   // The events of a marker that wait for those of the others.
@@ -233,9 +233,8 @@ class TrackerCore {
   void in_order_of_time(const Use& use) {
     order_.resize(poses_.size());
     std::iota(order_.begin(), order_.end(), std::size_t{0});
-    std::ranges::sort(order_, [&](std::size_t a, std::size_t b) {
-      return std::pair(poses_[a].t, a) < std::pair(poses_[b].t, b);
-    });
+    std::ranges::sort(
+        order_, [&](std::size_t a, std::size_t b) { return std::pair(poses_[a].t, a) < std::pair(poses_[b].t, b); });
     for (const std::size_t i : order_) use(poses_[i]);
   }
 

@@ -135,7 +135,8 @@ class Verification {
 
   // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
   // passes.
-  [[gnu::noinline]] std::optional<BacktrackError> step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
+  [[gnu::noinline]] std::optional<BacktrackError> step_back(std::size_t steps,
+                                                            const UndistortionTable& lines) noexcept {
     const Timestamp end = past_[past_.size() - 1].t;
     const auto mirrored = [end](Timestamp t) {
       return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));

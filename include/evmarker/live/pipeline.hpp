@@ -1,5 +1,6 @@
 #pragma once
 // live. From a camera's events to poses, on threads.
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -179,26 +180,39 @@ class Pipeline {
   void track(const EventBlock& block) {
     queue_wait_.add(Clock::now() - block.pushed);
     clock_.begin(block);
-    for (const Event& event : block.span()) {
-      if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(block.size - taken_of(block, event));
-      deliver_ticks(event.t);
-      if (core_->push(event)) {
+    for (std::span<const Event> left = block.span(); !left.empty();) {
+      if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
+      deliver_ticks(left.front().t);
+      bool due = false;
+      const auto stop = [&](const Event& event) {
         detection_thread_->add(event);
-        if (core_->look_due(event.t) && detection_on_)
-          detection_thread_->look(core_->look(event.t), core_->polarity_frame(), !core_->searching());
-        if (settings_.wait_for_detector && core_->answer_due(event.t)) wait_for_answer();
-      }
+        return due = (core_->look_due(event.t) && detection_on_) ||
+                     (settings_.wait_for_detector && core_->answer_due(event.t));
+      };
+      const std::size_t taken =
+          core_->push(until_next_tick(left), stop, [&](const PoseEstimate& pose) { deliver(pose, block.pushed); });
+      if (due) look_or_wait(left[taken - 1].t);
       deliver(block.pushed);
+      left = left.subspan(taken);
     }
+  }
+
+  void look_or_wait(Timestamp t) {
+    if (core_->look_due(t) && detection_on_)
+      detection_thread_->look(core_->look(t), core_->polarity_frame(), !core_->searching());
+    if (settings_.wait_for_detector && core_->answer_due(t)) wait_for_answer();
+  }
+
+  std::span<const Event> until_next_tick(std::span<const Event> events) const {
+    if (!settings_.on_tick) return events;
+    const auto later =
+        std::find_if(events.begin() + 1, events.end(), [&](const Event& e) { return clock_.is_due(e.t); });
+    return {events.begin(), later};
   }
 
   void skip_to(Timestamp t) {
     core_->skip_to(t);
     deliver(std::nullopt);
-  }
-
-  static std::size_t taken_of(const EventBlock& block, const Event& next) noexcept {
-    return static_cast<std::size_t>(&next - block.events.data());
   }
 
   void wait_for_answer() {
@@ -228,12 +242,14 @@ class Pipeline {
   }
 
   void deliver(std::optional<Clock::time_point> pushed) {
-    for (const PoseEstimate& pose : core_->poses()) {
-      if (stopping_.load(std::memory_order_relaxed)) return;
-      if (pushed) push_to_pose_.add(Clock::now() - *pushed);
-      ++delivered_.poses;
-      call(on_pose_, pose);
-    }
+    for (const PoseEstimate& pose : core_->poses()) deliver(pose, pushed);
+  }
+
+  void deliver(const PoseEstimate& pose, std::optional<Clock::time_point> pushed) {
+    if (stopping_.load(std::memory_order_relaxed)) return;
+    if (pushed) push_to_pose_.add(Clock::now() - *pushed);
+    ++delivered_.poses;
+    call(on_pose_, pose);
   }
 
   bool ticks_by_wall() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }

@@ -43,6 +43,9 @@ class TickClock {
     return std::exchange(next_, later(next_, interval_us_));
   }
 
+  /// Whether a tick is due at a camera time.
+  bool is_due(Timestamp now) const noexcept { return now >= next_ && next_ != kNever; }
+
   /// Camera time by the wall clock, if no events came since the last block.
   Timestamp now(Clock::time_point wall) const noexcept {
     return started_ ? later(last_t_, std::chrono::duration_cast<std::chrono::microseconds>(wall - last_pushed_).count())
