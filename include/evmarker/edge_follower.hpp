@@ -95,7 +95,7 @@ class EdgeFollower {
   }
 
   /// Takes many events, up to the first that leads to an update, faster than one by one, while `in_groups()`.
-  /// @param after is called with the number of each and its Result
+  /// @param after is called with the number of each and its Result, and says whether to go on
   /// @return how many were taken
   template <typename After>
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, const After& after) noexcept {
@@ -111,8 +111,8 @@ class EdgeFollower {
       else
         choice = matcher_.choose(Eigen::Vector2d(events.x[i], events.y[i]));
       const Result result = take(events.x[i], events.y[i], events.t[i], choice);
-      after(i, result);
-      if (result.updated) return i + 1;
+      const bool go_on = after(i, result);
+      if (result.updated || !go_on) return i + 1;
     }
     return events.count();
   }

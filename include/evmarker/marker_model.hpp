@@ -132,4 +132,14 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   return model;
 }
 
+/// The centre of the box around all vertices, marker frame [m].
+inline Eigen::Vector3d centre(const MarkerModel& model) noexcept {
+  Eigen::Vector3d low = model.vertices.front(), high = low;
+  for (const Eigen::Vector3d& vertex : model.vertices) {
+    low = low.cwiseMin(vertex);
+    high = high.cwiseMax(vertex);
+  }
+  return (low + high) / 2;
+}
+
 }  // namespace evmarker

@@ -60,15 +60,16 @@ class MarkerTracker {
                    settings.polarity_check_px_s}),
         verification_(follower_, settings.verification),
         coverage_(follower_.matcher().model(), lines_.focal_length()),
-        centre_(centre_of(follower_.matcher().model())) {
-    if (settings.converging_events < 0)
-      throw std::invalid_argument("converging_events is " + std::to_string(settings.converging_events));
-    if (!(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1))
-      throw std::invalid_argument("min_matched_fraction is " + std::to_string(settings.min_matched_fraction));
-    if (settings.matched_fraction_events < 1)
-      throw std::invalid_argument("matched_fraction_events is " + std::to_string(settings.matched_fraction_events));
-    if (!(settings.max_silent_share > 0 && settings.max_silent_share <= 1))
-      throw std::invalid_argument("max_silent_share is " + std::to_string(settings.max_silent_share));
+        centre_(centre(follower_.matcher().model())) {
+    const auto require = [](bool good, const char* name, auto value) {
+      if (!good) throw std::invalid_argument(name + (" is " + std::to_string(value)));
+    };
+    require(settings.converging_events >= 0, "converging_events", settings.converging_events);
+    require(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1, "min_matched_fraction",
+            settings.min_matched_fraction);
+    require(settings.matched_fraction_events > 0, "matched_fraction_events", settings.matched_fraction_events);
+    require(settings.max_silent_share > 0 && settings.max_silent_share <= 1, "max_silent_share",
+            settings.max_silent_share);
     pose_.id = id;
     if (settings.capture) {
       capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
@@ -104,7 +105,8 @@ class MarkerTracker {
       });
       const PoseEstimate* pose = nullptr;
       const std::size_t taken = follower_.push(group, [&](std::size_t i, const auto& result) {
-        if (const auto* const p = note(to_event(events[i]), result)) pose = p;
+        pose = note(to_event(events[i]), result);
+        return pose == nullptr;
       });
       if (pose) use(*pose);
       events = events.subspan(taken);
@@ -270,24 +272,8 @@ class MarkerTracker {
   bool knows_edges(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
-             const Eigen::Vector3d lever = pose.T_camera_marker.linear() * vertex;
-             const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
-             Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
-             dX << Eigen::Matrix3d::Identity(), -skew(lever);
-             Eigen::Matrix<double, 2, 3> dm;  // by X
-             dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
-             const Eigen::Matrix<double, 2, 6> J = lines_.focal_length() / X.z() * dm * dX;
-             return (J * *pose.covariance * J.transpose()).trace() < limit2;
+             return image_covariance(pose, vertex, lines_.focal_length()).trace() < limit2;
            });
-  }
-
-  static Eigen::Vector3d centre_of(const MarkerModel& model) noexcept {
-    Eigen::Vector3d low = model.vertices.front(), high = low;
-    for (const Eigen::Vector3d& vertex : model.vertices) {
-      low = low.cwiseMin(vertex);
-      high = high.cwiseMax(vertex);
-    }
-    return (low + high) / 2;
   }
 
   Settings settings_;

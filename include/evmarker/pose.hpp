@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "evmarker/event.hpp"
+#include "evmarker/so3.hpp"
 #include "evmarker/symmetric.hpp"
 
 namespace evmarker {
@@ -64,6 +65,20 @@ inline Matrix6d information(const PoseEstimate& pose) noexcept {
   const bool positive = invert_lower(inverse);
   mirror_lower(inverse);
   return positive && inverse.allFinite() ? inverse : Matrix6d::Zero();
+}
+
+/// Covariance of where a point of the marker is in the undistorted image [px^2]. The pose must have one.
+/// @param point marker frame [m]
+inline Eigen::Matrix2d image_covariance(const PoseEstimate& pose, const Eigen::Vector3d& point,
+                                        double focal_length) noexcept {
+  const Eigen::Vector3d lever = pose.T_camera_marker.linear() * point;
+  const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
+  Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
+  dX << Eigen::Matrix3d::Identity(), -skew(lever);
+  Eigen::Matrix<double, 2, 3> dm;  // by X
+  dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
+  const Eigen::Matrix<double, 2, 6> J = focal_length / X.z() * dm * dX;
+  return J * *pose.covariance * J.transpose();
 }
 
 }  // namespace evmarker

@@ -14,14 +14,14 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/candidate.hpp"
+#include "evmarker/candidates.hpp"
 #include "evmarker/event_history.hpp"
 #include "evmarker/found_marker.hpp"
 #include "evmarker/look.hpp"
 #include "evmarker/look_schedule.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
-#include "evmarker/tile_map.hpp"
+#include "evmarker/tracked_markers.hpp"
 #include "evmarker/tracker_settings.hpp"
 #include "evmarker/undistortion_table.hpp"
 
@@ -44,7 +44,8 @@ class TrackerCore {
         frame_(camera.sensor_size()),
         history_(settings.history_events),
         looks_(settings),
-        tiles_(lines_) {
+        markers_(lines_, settings.max_markers),
+        candidates_(settings.max_markers) {
     const auto require = [](bool good, const char* name, auto value) {
       if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
     };
@@ -54,24 +55,16 @@ class TrackerCore {
     require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
     require(settings.max_markers > 0, "max_markers", settings.max_markers);
     settings_.marker.capture.reset();  // a detection has been fitted to the edges already
-    markers_.reserve(settings.max_markers);
-    candidates_.reserve(settings.max_markers);
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers + kBetweenChecks);
     order_.reserve(poses_.capacity());
-    inboxes_.resize(settings.max_markers);
   }
 
   /// Takes one event: `poses()` are then those that it led to. False if it was discarded.
   bool push(const Event& event) {
     begin();
     if (!enter(event)) return false;
-    tiles_.for_each_at(event, [&](std::size_t i) {
-      const PoseEstimate* const pose = markers_[i].push(event);
-      if (pose == nullptr) return;
-      deliver(*pose);
-      tiles_.move(i, markers_[i].reach());
-    });
+    markers_.push(event, [&](const PoseEstimate& pose) { deliver(pose); });
     if (!poses_.empty()) drop_lost();
     if (!candidates_.empty()) [[unlikely]]
       catch_up(kEventsForOne);
@@ -98,15 +91,10 @@ class TrackerCore {
     for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
       const Event& event = events[taken];
       if (!enter(event)) continue;
-      tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+      markers_.wait(event);
       stopped = stop(event);
     }
-    for (std::size_t i = 0; i < markers_.size(); ++i) {
-      const std::size_t before = poses_.size();
-      markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) { deliver(pose); });
-      inboxes_[i].clear();
-      if (poses_.size() > before) tiles_.move(i, markers_[i].reach());
-    }
+    markers_.push_waiting([&](const PoseEstimate& pose) { deliver(pose); });
     if (!poses_.empty()) drop_lost();
     in_order_of_time(use);
     poses_.clear();
@@ -114,13 +102,11 @@ class TrackerCore {
   }
 
   /// Whether a marker that was found has not seen all events yet that came since the look.
-  bool behind() const noexcept {
-    return !std::ranges::all_of(candidates_, [&](const auto& candidate) { return candidate.caught_up(history_); });
-  }
+  bool behind() const noexcept { return !candidates_.caught_up(history_); }
 
   /// Has such markers take so many of these events, for the time in which no others come. Adds to `poses()`.
   void catch_up(int events) {
-    for (Candidate<Rule>& candidate : candidates_) candidate.catch_up(history_, events, statistics_);
+    candidates_.catch_up(history_, events, statistics_);
     announce_confirmed();
   }
 
@@ -132,14 +118,9 @@ class TrackerCore {
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
     followable_since_ = history_.pushed();
-    std::erase_if(candidates_, [&](Candidate<Rule>& candidate) {
-      candidate.marker().skip(missing);
-      return !candidate.caught_up(history_);
-    });
-    for (FoundMarker<Rule>& marker : markers_)
-      if (const PoseEstimate* const lost = marker.skip(missing)) deliver(*lost);
+    candidates_.skip(missing, history_);
+    markers_.skip(missing, [&](const PoseEstimate& lost) { deliver(lost); });
     drop_lost();
-    place_markers();
     searching_ = searching();
   }
 
@@ -158,13 +139,10 @@ class TrackerCore {
     ++statistics_.detections;
     looks_.begin(t);
     forget_missing(t);
-    Look look{
-        .t = t, .position = history_.pushed(), .focal_length = lines_.focal_length(), .unconfirmed = {}, .missing = {}};
-    for (Candidate<Rule>& candidate : candidates_)
-      if (candidate.ask(history_))
-        look.unconfirmed.push_back({candidate.marker().id(), candidate.marker().tracker().T_camera_marker()});
-    for (const Missing& missing : missing_)
-      look.missing.push_back({missing.marker.id(), missing.marker.tracker().pose_at(t).T_camera_marker});
+    Look look{t, history_.pushed(), lines_.focal_length(), {}, {}};
+    candidates_.ask(look, history_);
+    for (const FoundMarker<Rule>& marker : missing_)
+      look.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
     return look;
   }
 
@@ -178,16 +156,18 @@ class TrackerCore {
   /// is not tracked yet, with the events since the look. Adds to `poses()`.
   void take(const Findings& findings) {
     looks_.end();
-    std::erase_if(missing_, [&](const Missing& missing) {
+    std::erase_if(missing_, [&](const FoundMarker<Rule>& marker) {
       return std::ranges::any_of(findings.found | std::views::take(findings.detected),
-                                 [&](const auto& found) { return found.detection.id == missing.marker.id(); });
+                                 [&](const auto& found) { return found.detection.id == marker.id(); });
     });
-    confirm(findings);
+    candidates_.answer(findings);
+    announce_confirmed();
+    candidates_.remove_hopeless();
     for (const Findings::Found& found : findings.found) {
       if (findings.position <= followable_since_ || tracked(found.detection)) continue;
       if (markers_.size() + candidates_.size() == settings_.max_markers) break;
-      candidates_.emplace_back(FoundMarker<Rule>(lines_, found.model, found.detection, settings_.marker),
-                               findings.position, history_);
+      candidates_.add(
+          {FoundMarker<Rule>(lines_, found.model, found.detection, settings_.marker), findings.position, history_});
     }
     announce_confirmed();
     drop_lost();
@@ -201,26 +181,14 @@ class TrackerCore {
   /// The `MarkerTracker` of every marker that is being tracked.
   auto markers() const noexcept {
     return std::views::transform(
-        markers_, [](const auto& marker) -> const auto& { return marker.tracker(); });
+        markers_.all(), [](const auto& marker) -> const auto& { return marker.tracker(); });
   }
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
   static constexpr std::size_t kTogether = 64;           // events: so many for each marker make good groups
-  static constexpr std::size_t kBetweenChecks = 1024;    // events: as many wait in a marker's inbox at most
+  static constexpr std::size_t kBetweenChecks = TrackedMarkers<Rule>::kMostWaiting;  // events
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
-
-  // The events of a marker that wait for those of the others.
-  class Inbox {
-   public:
-    void push(const Event& event) noexcept { events_[count_++] = event; }
-    void clear() noexcept { count_ = 0; }
-    std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
-
-   private:
-    std::array<Event, kBetweenChecks> events_{};
-    std::size_t count_ = 0;
-  };
 
   // Whether markers are looked for is seen anew after the same events, however many of them come together.
   void begin() noexcept {
@@ -228,24 +196,24 @@ class TrackerCore {
     if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
   }
 
-  // The poses of each marker are.
+  // The poses of each marker are already.
   template <typename Use>
   void in_order_of_time(const Use& use) {
     order_.resize(poses_.size());
     std::iota(order_.begin(), order_.end(), std::size_t{0});
-    std::ranges::sort(
-        order_, [&](std::size_t a, std::size_t b) { return std::pair(poses_[a].t, a) < std::pair(poses_[b].t, b); });
+    std::ranges::sort(order_, {}, [&](std::size_t i) { return std::pair(poses_[i].t, i); });
     for (const std::size_t i : order_) use(poses_[i]);
   }
 
-  struct Missing {
-    FoundMarker<Rule> marker;
-    Timestamp since;
-  };
-
   // Counts, filters and remembers the event; false if it is discarded.
   bool enter(const Event& event) {
-    if (!count(event)) return false;
+    ++statistics_.events;
+    statistics_.time_steps_back += event.t < last_t_;
+    last_t_ = event.t;
+    if (!lines_.sensor_size().contains(event.x, event.y)) {
+      ++statistics_.off_sensor;
+      return false;
+    }
     if (!filter_.accept(event)) {
       ++statistics_.filtered;
       return false;
@@ -254,16 +222,6 @@ class TrackerCore {
     frame_.update(event);
     history_.push(event);
     return true;
-  }
-
-  // Counts the event; false if it is not on the sensor.
-  bool count(const Event& event) noexcept {
-    ++statistics_.events;
-    statistics_.time_steps_back += event.t < last_t_;
-    last_t_ = event.t;
-    if (lines_.sensor_size().contains(event.x, event.y)) return true;
-    ++statistics_.off_sensor;
-    return false;
   }
 
   void deliver(const PoseEstimate& pose) {
@@ -276,47 +234,25 @@ class TrackerCore {
 
   // A lost marker's id goes back to the detector.
   void drop_lost() {
-    for (FoundMarker<Rule>& marker : markers_)
-      if (marker.lost() && missing_.size() < settings_.max_markers) missing_.push_back({std::move(marker), last_t_});
-    if (std::erase_if(markers_, [](const auto& marker) { return marker.lost(); }) > 0) place_markers();
-  }
-
-  // Enters all markers into the tiles anew: their places in the list have changed.
-  void place_markers() {
-    tiles_.resize(markers_.size());
-    for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
+    markers_.remove_lost([&](FoundMarker<Rule>& marker) {
+      if (missing_.size() < settings_.max_markers) missing_.push_back(std::move(marker));
+    });
   }
 
   // A marker that was just lost is looked for where its motion must have taken it.
   void forget_missing(Timestamp t) {
     constexpr std::uint64_t kPredictable = 100000;  // [us]
-    std::erase_if(missing_, [&](const Missing& missing) { return elapsed_us(missing.since, t) > kPredictable; });
-  }
-
-  // What the look says of the candidates that it was asked about. None of them has been announced since.
-  void confirm(const Findings& findings) {
-    std::size_t place = 0;
-    for (Candidate<Rule>& candidate : candidates_)
-      if (candidate.asked()) {
-        candidate.answer(place < findings.confirmed.size() && findings.confirmed[place]);
-        ++place;
-      }
-    announce_confirmed();
-    std::erase_if(candidates_, [](const auto& candidate) { return candidate.hopeless(); });
+    std::erase_if(missing_,
+                  [&](const auto& marker) { return elapsed_us(marker.tracker().estimate().t, t) > kPredictable; });
   }
 
   // Announces the candidates that were seen often enough and have seen all events.
   void announce_confirmed() {
-    std::erase_if(candidates_, [&](Candidate<Rule>& candidate) {
-      FoundMarker<Rule>& marker = candidate.marker();
-      if (marker.lost() || candidate.sightings() < settings_.detections_to_confirm || !candidate.caught_up(history_))
-        return false;
+    candidates_.take_confirmed(settings_.detections_to_confirm, history_, [&](FoundMarker<Rule>& marker) {
       if (marker.tracker().estimate().quality.matched > 0) deliver(marker.tracker().estimate());
       ++statistics_.registered;
       looks_.note_found(last_t_);
-      markers_.push_back(std::move(marker));
-      place_markers();
-      return true;
+      markers_.add(std::move(marker));
     });
   }
 
@@ -324,28 +260,22 @@ class TrackerCore {
   // elsewhere has lost it: nothing moved where it waits; nor has one whose events are of a time to come, before the
   // camera was started anew. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
-    const auto candidate = std::ranges::find(candidates_, detection.id, [](const auto& c) { return c.marker().id(); });
-    if (candidate != candidates_.end()) {
-      if (same_place(detection, candidate->marker().tracker().T_camera_marker())) return true;
-      candidates_.erase(candidate);
+    if (const FoundMarker<Rule>* const candidate = candidates_.find(detection.id)) {
+      if (same_place(detection, candidate->tracker().T_camera_marker(), lines_.focal_length())) return true;
+      candidates_.erase(detection.id);
       return false;
     }
-    const auto marker = std::ranges::find(markers_, detection.id, &FoundMarker<Rule>::id);
-    if (marker == markers_.end()) return false;
+    FoundMarker<Rule>* const marker = markers_.find(detection.id);
+    if (marker == nullptr) return false;
     const Timestamp seen = marker->tracker().estimate().t;
     constexpr std::uint64_t kRestart_us = 1000000;
     const bool silent = seen < detection.t ? elapsed_us(seen, detection.t) >
                                                  static_cast<std::uint64_t>(settings_.detection_interval.count())
                                            : elapsed_us(detection.t, seen) > kRestart_us;
-    if (!silent || same_place(detection, marker->tracker().T_camera_marker())) return true;
+    if (!silent || same_place(detection, marker->tracker().T_camera_marker(), lines_.focal_length())) return true;
     deliver(marker->tracker().lose());
-    markers_.erase(marker);
-    place_markers();
+    markers_.erase(detection.id);
     return false;
-  }
-
-  bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T) const noexcept {
-    return evmarker::same_place(detection, T, lines_.focal_length());
   }
 
   Settings settings_;
@@ -354,13 +284,11 @@ class TrackerCore {
   PolarityFrame frame_;
   EventHistory history_;
   LookSchedule looks_;
-  TileMap tiles_;                           // of `markers_`
-  std::vector<FoundMarker<Rule>> markers_;  // announced
-  std::vector<Candidate<Rule>> candidates_;
-  std::vector<Missing> missing_;  // lost a short time ago
+  TrackedMarkers<Rule> markers_;  // announced
+  Candidates<Rule> candidates_;
+  std::vector<FoundMarker<Rule>> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
   std::vector<std::size_t> order_;  // of them, by time
-  std::vector<Inbox> inboxes_;      // of `markers_`
   bool searching_ = true;           // as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing

@@ -149,7 +149,7 @@ class Verification {
           const Event& event = past_[steps_left_ - 1 - i];
           return std::pair(lines(event), mirrored(event.t));
         });
-        taken = backward_.push(group, [](auto...) {});
+        taken = backward_.push(group, [](auto...) { return true; });
       } else {
         const Event& event = past_[steps_left_ - 1];
         backward_.push(lines(event), mirrored(event.t), event.p > 0);

@@ -184,30 +184,19 @@ class Pipeline {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
       deliver_ticks(left.front().t);
       bool due = false;
-      const auto stop = [&](const Event& event) {
-        detection_thread_->add(event);
-        return due = (core_->look_due(event.t) && detection_on_) ||
-                     (settings_.wait_for_detector && core_->answer_due(event.t));
+      const auto stop = [&](const Event& e) {
+        detection_thread_->add(e);
+        return due = (detection_on_ && core_->look_due(e.t)) || (settings_.wait_for_detector && core_->answer_due(e.t));
       };
-      const std::size_t taken =
-          core_->push(until_next_tick(left), stop, [&](const PoseEstimate& pose) { deliver(pose, block.pushed); });
-      if (due) look_or_wait(left[taken - 1].t);
+      const std::size_t taken = core_->push(settings_.on_tick ? clock_.before_next(left) : left, stop,
+                                            [&](const PoseEstimate& pose) { deliver(pose, block.pushed); });
+      const Timestamp t = left[taken - 1].t;
+      if (due && core_->look_due(t) && detection_on_)
+        detection_thread_->look(core_->look(t), core_->polarity_frame(), !core_->searching());
+      if (due && settings_.wait_for_detector && core_->answer_due(t)) wait_for_answer();
       deliver(block.pushed);
       left = left.subspan(taken);
     }
-  }
-
-  void look_or_wait(Timestamp t) {
-    if (core_->look_due(t) && detection_on_)
-      detection_thread_->look(core_->look(t), core_->polarity_frame(), !core_->searching());
-    if (settings_.wait_for_detector && core_->answer_due(t)) wait_for_answer();
-  }
-
-  std::span<const Event> until_next_tick(std::span<const Event> events) const {
-    if (!settings_.on_tick) return events;
-    const auto later =
-        std::find_if(events.begin() + 1, events.end(), [&](const Event& e) { return clock_.is_due(e.t); });
-    return {events.begin(), later};
   }
 
   void skip_to(Timestamp t) {
@@ -228,8 +217,7 @@ class Pipeline {
 
   // The findings of the look that is going on, if they are there in time.
   void take_answer(std::chrono::microseconds timeout) {
-    if (!core_->answer_awaited()) return;
-    const auto* const answer = detection_thread_->answer(timeout);
+    const auto* const answer = core_->answer_awaited() ? detection_thread_->answer(timeout) : nullptr;
     if (answer == nullptr) return;
     detection_.add(answer->took);
     try {

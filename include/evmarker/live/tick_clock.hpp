@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -43,8 +44,12 @@ class TickClock {
     return std::exchange(next_, later(next_, interval_us_));
   }
 
-  /// Whether a tick is due at a camera time.
-  bool is_due(Timestamp now) const noexcept { return now >= next_ && next_ != kNever; }
+  /// The first of some events, and those after it before which no tick is due.
+  std::span<const Event> before_next(std::span<const Event> events) const noexcept {
+    std::size_t count = 1;
+    while (count < events.size() && (events[count].t < next_ || next_ == kNever)) ++count;
+    return events.first(std::min(count, events.size()));
+  }
 
   /// Camera time by the wall clock, if no events came since the last block.
   Timestamp now(Clock::time_point wall) const noexcept {

@@ -1,0 +1,116 @@
+#pragma once
+// Floor 8. The markers that are being tracked, and which of them an event may belong to.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <concepts>
+#include <cstddef>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "evmarker/found_marker.hpp"
+#include "evmarker/tile_map.hpp"
+#include "evmarker/undistortion_table.hpp"
+
+namespace evmarker {
+
+/// Gives every event to the markers that it may belong to, at once, or together with others that come for them.
+template <PoseUpdateRule Rule>
+class TrackedMarkers {
+ public:
+  static constexpr std::size_t kMostWaiting = 1024;  ///< events, until `push_waiting`
+
+  TrackedMarkers(const UndistortionTable& lines, std::size_t max_markers) : tiles_(lines), inboxes_(max_markers) {
+    markers_.reserve(max_markers);
+  }
+
+  void add(FoundMarker<Rule> marker) {
+    markers_.push_back(std::move(marker));
+    place_all();
+  }
+  void erase(MarkerId id) {
+    std::erase_if(markers_, [id](const auto& marker) { return marker.id() == id; });
+    place_all();
+  }
+
+  /// Calls `use(pose)` with each pose that the event leads to.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push(const Event& event, const Use& use) {
+    tiles_.for_each_at(event, [&](std::size_t i) {
+      const PoseEstimate* const pose = markers_[i].push(event);
+      if (pose == nullptr) return;
+      use(*pose);
+      tiles_.move(i, markers_[i].reach());
+    });
+  }
+
+  /// Keeps the event for `push_waiting`.
+  void wait(const Event& event) noexcept {
+    tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+  }
+
+  /// Gives the markers the events that wait, one marker after the other.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push_waiting(const Use& use) {
+    for (std::size_t i = 0; i < markers_.size(); ++i) {
+      bool moved = false;
+      markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
+        moved = true;
+        use(pose);
+      });
+      inboxes_[i].clear();
+      if (moved) tiles_.move(i, markers_[i].reach());
+    }
+  }
+
+  /// See MarkerTracker::skip.
+  template <std::invocable<const PoseEstimate&> Use>
+  void skip(std::chrono::microseconds missing, const Use& use) {
+    for (FoundMarker<Rule>& marker : markers_)
+      if (const PoseEstimate* const lost = marker.skip(missing)) use(*lost);
+    place_all();
+  }
+
+  /// Removes the markers that were lost: `use(marker)` may move them away.
+  template <std::invocable<FoundMarker<Rule>&> Use>
+  void remove_lost(const Use& use) {
+    for (FoundMarker<Rule>& marker : markers_)
+      if (marker.lost()) use(marker);
+    if (std::erase_if(markers_, [](const auto& marker) { return marker.lost(); }) > 0) place_all();
+  }
+
+  FoundMarker<Rule>* find(MarkerId id) noexcept {
+    const auto found = std::ranges::find(markers_, id, &FoundMarker<Rule>::id);
+    return found != markers_.end() ? &*found : nullptr;
+  }
+
+  const std::vector<FoundMarker<Rule>>& all() const noexcept { return markers_; }
+  std::size_t size() const noexcept { return markers_.size(); }
+  bool empty() const noexcept { return markers_.empty(); }
+
+ private:
+  // Events of one marker.
+  class Inbox {
+   public:
+    void push(const Event& event) noexcept { events_[count_++] = event; }
+    void clear() noexcept { count_ = 0; }
+    std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
+
+   private:
+    std::array<Event, kMostWaiting> events_{};
+    std::size_t count_ = 0;
+  };
+
+  // Enters all markers into the tiles anew: their places in the list have changed.
+  void place_all() {
+    tiles_.resize(markers_.size());
+    for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
+  }
+
+  TileMap tiles_;
+  std::vector<FoundMarker<Rule>> markers_;
+  std::vector<Inbox> inboxes_;
+};
+
+}  // namespace evmarker
