@@ -1,6 +1,7 @@
 #include <benchmark/benchmark.h>
 
 #include <limits>
+#include <span>
 
 #include "evmarker/decoupled_update.hpp"
 #include "evmarker/kalman_update.hpp"
@@ -11,45 +12,52 @@ using namespace evmarker;
 
 namespace {
 
+enum class Pushed { together, one_by_one };
+
 // Filtered events in, poses out. Timed: the look-up of the line of sight, matching, averages, updates, the bookkeeping
 // of the quality. The pose error comes from a pass over the same events before.
 template <PoseUpdateRule Rule>
-void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings) {
+void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings, Pushed pushed) {
   settings.capture.reset();  // the start is that of a detection
   using Tracker = MarkerTracker<Rule>;
   const auto& recording = bench::recording();
   const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);
   AccuracyMeter accuracy;
   Tracker measured = start;
-  for (const Event& event : recording.filtered)
-    if (const auto pose = measured.push(event)) accuracy.add(*pose, recording.truth(pose->t));
+  measured.push(std::span(recording.filtered),
+                [&](const PoseEstimate& pose) { accuracy.add(pose, recording.truth(pose.t)); });
 
   for (auto _ : state) {
     state.PauseTiming();
     Tracker tracker = start;
     state.ResumeTiming();
-    for (const Event& event : recording.filtered) {
-      auto pose = tracker.push(event);
-      benchmark::DoNotOptimize(pose);
-    }
+    if (pushed == Pushed::together)
+      bench::in_batches(recording.filtered, [&](std::span<const Event> events) {
+        tracker.push(events, [](const PoseEstimate& pose) { benchmark::DoNotOptimize(&pose); });
+      });
+    else
+      for (const Event& event : recording.filtered) {
+        auto pose = tracker.push(event);
+        benchmark::DoNotOptimize(pose);
+      }
   }
   bench::report_rates(state, recording.filtered.size(), accuracy.poses());
   bench::report_accuracy(state, accuracy, recording.end());
 }
 
-// Tracking alone: no verification, its window longer than the recording. Like for like with `reference/decoupled`.
-template <PoseUpdateRule Rule>
+// Tracking alone: of all windows, only the first is verified. Like for like with `reference/decoupled`.
+template <PoseUpdateRule Rule, Pushed pushed = Pushed::together>
 void tracking(benchmark::State& state) {
-  MarkerTrackerSettings<Rule> settings{.events_per_update = static_cast<int>(state.range(0))};
-  settings.verification = {.updates = std::numeric_limits<int>::max(),
-                           .max_events = 2 * bench::recording().filtered.size()};
-  run<Rule>(state, settings);
+  run<Rule>(state,
+            {.events_per_update = static_cast<int>(state.range(0)),
+             .verification = {.every = std::numeric_limits<int>::max()}},
+            pushed);
 }
 
-// As a user gets it: verified every 100 updates, so that all events are gone through twice.
+// As a user gets it: every other window of 100 updates is gone over twice.
 template <PoseUpdateRule Rule>
 void verified(benchmark::State& state) {
-  run<Rule>(state, {.events_per_update = static_cast<int>(state.range(0))});
+  run<Rule>(state, {.events_per_update = static_cast<int>(state.range(0))}, Pushed::together);
 }
 
 void decoupled(benchmark::internal::Benchmark* b) {
@@ -60,7 +68,9 @@ void kalman(benchmark::internal::Benchmark* b) {
 }
 BENCHMARK(tracking<DecoupledUpdate>)->Name("marker_tracker/decoupled")->Apply(decoupled);
 BENCHMARK(verified<DecoupledUpdate>)->Name("marker_tracker/decoupled/verified")->Apply(decoupled);
+BENCHMARK(tracking<DecoupledUpdate, Pushed::one_by_one>)->Name("marker_tracker/decoupled/one_by_one")->Apply(decoupled);
 BENCHMARK(tracking<KalmanUpdate>)->Name("marker_tracker/kalman")->Apply(kalman);
+BENCHMARK(tracking<KalmanUpdate, Pushed::one_by_one>)->Name("marker_tracker/kalman/one_by_one")->Apply(kalman);
 BENCHMARK(verified<KalmanUpdate>)->Name("marker_tracker/kalman/verified")->Apply(kalman);
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdio>
 #include <exception>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -34,17 +35,19 @@ Run run(const std::string& rule, int n) {
   MarkerTracker<Rule> tracker(bench::camera(), recording.model(), recording.detected_start(), settings);
   Run run{rule + " n=" + std::to_string(n), {}, 0};
   AccuracyMeter accuracy;
+  std::vector<Event> accepted;
   std::vector<PoseEstimate> poses;
+  accepted.reserve(recording.events.size());
   poses.reserve(recording.events.size());
   std::chrono::duration<double> computed(0);
   std::size_t next = 0;
   for (Timestamp end = kStep_us; next < recording.events.size(); end += kStep_us) {
     poses.clear();
     const auto start = std::chrono::steady_clock::now();
-    for (; next < recording.events.size() && recording.events[next].t < end; ++next) {
-      if (!filter.accept(recording.events[next])) continue;
-      if (const PoseEstimate* const pose = tracker.push(recording.events[next])) poses.push_back(*pose);
-    }
+    accepted.clear();
+    for (; next < recording.events.size() && recording.events[next].t < end; ++next)
+      if (filter.accept(recording.events[next])) accepted.push_back(recording.events[next]);
+    tracker.push(std::span<const Event>(accepted), [&](const PoseEstimate& pose) { poses.push_back(pose); });
     computed += std::chrono::steady_clock::now() - start;
     run.computed_s.push_back(computed.count());
     for (const PoseEstimate& pose : poses) accuracy.add(pose, recording.truth(pose.t));

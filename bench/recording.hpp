@@ -3,9 +3,11 @@
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <span>
 #include <vector>
 
 #include "evmarker/accuracy.hpp"
@@ -109,6 +111,14 @@ inline const Recording& recording(int markers = 1) {
   recording.markers = simulator.markers();
   recording.peak_px_per_s = simulator.peak_speed_px_per_s();
   return simulated.emplace(markers, std::move(recording)).first->second;
+}
+
+/// Calls `use(events)` with as many events at a time as a camera's driver may deliver.
+template <typename Use>
+void in_batches(std::span<const Event> events, const Use& use) {
+  constexpr std::size_t kBatch = 1000;
+  for (; !events.empty(); events = events.subspan(std::min(kBatch, events.size())))
+    use(events.first(std::min(kBatch, events.size())));
 }
 
 /// Events and poses per second from what one iteration does.

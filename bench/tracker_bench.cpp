@@ -1,5 +1,6 @@
 #include <benchmark/benchmark.h>
 
+#include <span>
 #include <vector>
 
 #include "evmarker/tracker.hpp"
@@ -42,8 +43,11 @@ class TrueStart {
 };
 static_assert(MarkerDetector<TrueStart>);
 
+enum class Pushed { together, one_by_one };
+
 // The whole of `Tracker` on raw events: filter, polarity frame, history, every marker's tracking and verification;
-// looks at the frame every 10 ms that find nothing.
+// looks at the frame that find nothing.
+template <Pushed pushed>
 void tracker(benchmark::State& state) {
   const auto& recording = bench::recording(static_cast<int>(state.range(0)));
   TrackerSettings<> settings;
@@ -53,22 +57,27 @@ void tracker(benchmark::State& state) {
   std::vector<AccuracyMeter> accuracy(recording.markers.size());
   std::size_t poses = 0;
   auto measured = start;
-  for (const Event& event : recording.events)
-    for (const PoseEstimate& pose : measured.push(event))
-      for (std::size_t i = 0; i < accuracy.size(); ++i)
-        if (recording.markers[i].id == pose.id) {
-          accuracy[i].add(pose, recording.truth(pose.t, i));
-          ++poses;
-        }
+  measured.push(recording.events, [&](const PoseEstimate& pose) {
+    for (std::size_t i = 0; i < accuracy.size(); ++i)
+      if (recording.markers[i].id == pose.id) {
+        accuracy[i].add(pose, recording.truth(pose.t, i));
+        ++poses;
+      }
+  });
 
   for (auto _ : state) {
     state.PauseTiming();
     auto tracker = start;
     state.ResumeTiming();
-    for (const Event& event : recording.events) {
-      auto poses_of_event = tracker.push(event);
-      benchmark::DoNotOptimize(poses_of_event);
-    }
+    if constexpr (pushed == Pushed::together)
+      bench::in_batches(recording.events, [&](std::span<const Event> events) {
+        tracker.push(events, [](const PoseEstimate& pose) { benchmark::DoNotOptimize(&pose); });
+      });
+    else
+      for (const Event& event : recording.events) {
+        auto poses_of_event = tracker.push(event);
+        benchmark::DoNotOptimize(poses_of_event);
+      }
   }
   bench::report_rates(state, recording.events.size(), poses);
   double translation_mm = 0, rotation_deg = 0, coverage = 0;
@@ -82,6 +91,10 @@ void tracker(benchmark::State& state) {
   state.counters["rotation_deg"] = rotation_deg;
   state.counters["coverage"] = coverage;
 }
-BENCHMARK(tracker)->Name("tracker")->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Arg(50)->Unit(benchmark::kMillisecond);
+void markers(benchmark::internal::Benchmark* b) {
+  b->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Arg(50)->Unit(benchmark::kMillisecond);
+}
+BENCHMARK(tracker<Pushed::together>)->Name("tracker")->Apply(markers);
+BENCHMARK(tracker<Pushed::one_by_one>)->Name("tracker/one_by_one")->Apply(markers);
 
 }  // namespace

@@ -198,7 +198,7 @@ TEST_CASE_TEMPLATE("events that come together give the poses that they give one 
       if (const auto pose = one_by_one.push(event)) expected.push_back(*pose);
     REQUIRE(expected.size() > 0.3 * static_cast<double>(events.size()) / n);
     CHECK(expected.back().quality.state == TrackingState::lost);
-    for (const std::size_t together : {1, 7, 256, 1000000}) {
+    for (const std::size_t together : {1u, 7u, 256u, 1000000u}) {
       CAPTURE(together);
       auto tracker = code_tracker<Rule>(detected(motion(0)), {.events_per_update = n});
       std::size_t poses = 0, different = 0;
@@ -207,7 +207,7 @@ TEST_CASE_TEMPLATE("events that come together give the poses that they give one 
         different += pose.t != other.t || pose.T_camera_marker.matrix() != other.T_camera_marker.matrix() ||
                      pose.quality.state != other.quality.state || pose.covariance != other.covariance ||
                      pose.quality.backtrack_t != other.quality.backtrack_t ||
-                     pose.quality.backtrack_rad != other.quality.backtrack_rad;
+                     std::memcmp(&pose.quality.backtrack_rad, &other.quality.backtrack_rad, sizeof(double)) != 0;
       };
       for (std::size_t i = 0; i < events.size(); i += together) {
         const std::size_t count = std::min(together, events.size() - i);

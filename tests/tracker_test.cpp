@@ -42,7 +42,7 @@ struct AllKnowing {
   }
   MarkerModel model(MarkerId id) const {
     CodeBits bits = simulated::code();
-    if (id == 1) bits(0, 0) = !bits(0, 0);
+    if (id == 1) bits(0, 0) ^= 1;
     return make_code_marker(simulated::kMarkerLength, bits);
   }
 };
@@ -136,7 +136,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
     return {s < 0.3 ? -400 : s < 0.5 ? -400 + (s - 0.3) / 0.05 * 300 : 2000, 240};
   };
   CodeBits other = simulated::code();
-  other(0, 0) = !other(0, 0);
+  other(0, 0) ^= 1;
   const Scene scene{{{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = moved(left, -0.12)},
                      {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = moved(middle, 0.08)}},
                     {{.center_px = board, .half_size_px = {150, 240}}},
@@ -160,7 +160,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
     std::ranges::copy_if(poses, std::back_inserter(its), [id](const PoseEstimate& pose) { return pose.id == id; });
     return its;
   };
-  for (const std::size_t together : {1, 100, 5000, 100000000}) {
+  for (const std::size_t together : {1u, 100u, 5000u, 100000000u}) {
     CAPTURE(together);
     const auto [poses, again] = run(together);
     CHECK(again.events == statistics.events);

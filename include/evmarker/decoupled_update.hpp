@@ -145,15 +145,13 @@ class DecoupledUpdate {
  private:
   [[gnu::noinline]] void add_sums() noexcept {
     in_wide_vectors([&]() __attribute__((always_inline)) {
-      const auto average = [&](double& mean, std::size_t k) { mean = faded_ * mean + sum(sums_[k]); };
-      for (std::size_t k = 0; k < 6; ++k) average(L_[k], k);
-      average(B_.x(), 6);
-      average(B_.y(), 7);
-      average(B_.z(), 8);
-      average(lever2_, 9);
-      average(Gamma_.x(), 10);
-      average(Gamma_.y(), 11);
-      average(Gamma_.z(), 12);
+      for (std::size_t k = 0; k < 6; ++k) L_[k] = faded_ * L_[k] + sum(sums_[k]);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto axis = static_cast<Eigen::Index>(k);
+        B_(axis) = faded_ * B_(axis) + sum(sums_[6 + k]);
+        Gamma_(axis) = faded_ * Gamma_(axis) + sum(sums_[10 + k]);
+      }
+      lever2_ = faded_ * lever2_ + sum(sums_[9]);
     });
     forget_sums();
   }
