@@ -252,3 +252,38 @@ TEST_CASE("a wireframe without a lattice is matched by the search over all segme
   CHECK(tally.on_lattice == 0);
   CHECK(tally.matched > 500);
 }
+
+TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth is known on every line of sight") {
+  Random random(12);
+  constexpr double kLength = 0.06, kFocalLength = 533, kReach_px = 2;
+  LatticeMatcher matcher(make_code_marker(kLength, random_bits(random, 4)), kFocalLength);
+  int on = 0, beside = 0, far = 0;
+  for (int i = 0; i < 200; ++i) {
+    const Isometry3d T = random_pose(random, 0.4, 0.8);
+    if (!matcher.project(T) || !matcher.on_lattice()) continue;
+    const Eigen::AlignedBox2d reach = matcher.reach(LatticeMatcher::kRim);
+    for (int k = 0; k < 50; ++k) {
+      const Vector3d point(kLength * random(-1.5, 1.5), kLength * random(-1.5, 1.5), 0), seen = T * point;
+      if (!(seen.z() > 0)) continue;
+      const Vector2d m = seen.head<2>() / seen.z();
+      CHECK(matcher.nearness(m) == doctest::Approx(1 / seen.z()));
+      const double half_paper = kLength / 2 * 8 / 6, off = point.cwiseAbs().maxCoeff() - half_paper;
+      if (off <= 0) {
+        CHECK(matcher.on_paper(m));
+        CHECK(reach.contains(m));
+        ++(point.cwiseAbs().maxCoeff() > kLength / 2 ? beside : on);
+      } else if (off > 3 * kReach_px * seen.z() / kFocalLength / std::cos(0.8)) {
+        CHECK_FALSE(matcher.on_paper(m));
+        ++far;
+      }
+    }
+  }
+  REQUIRE(std::min({on, beside, far}) > 500);
+  LatticeMatcher outline(make_square_marker(kLength), kFocalLength);
+  Isometry3d facing = Isometry3d::Identity();
+  facing.linear() = Eigen::AngleAxisd(kPi, Vector3d::UnitX()).toRotationMatrix();
+  facing.translation() = Vector3d(0, 0, 0.4);
+  REQUIRE(outline.project(facing));
+  CHECK(outline.on_paper({0.07, 0}));  // an outline's paper is its square, 0.075 to each side
+  CHECK_FALSE(outline.on_paper({0.09, 0}));
+}

@@ -105,6 +105,28 @@ TEST_CASE("the first events are converging, then tracking, and poses carry id, t
   CHECK(tracker.estimate().quality.backtrack_px < 5);
 }
 
+TEST_CASE("a marker's paper hides what is farther away, once the marker is tracked") {
+  const Trajectory motion = simulated::near_motion(43);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.1, 43));
+  MarkerTracker tracker = code_tracker(motion(0), {.capture = std::nullopt});
+  MarkerTracker behind = code_tracker(facing_pose({0, 0, 0.9}), {}),
+                before = code_tracker(facing_pose({0, 0, 0.3}), {});
+  const auto centre = [&]() -> Eigen::Vector2d { return tracker.T_camera_marker().translation().hnormalized(); };
+  REQUIRE(tracker.state() == TrackingState::converging);
+  CHECK(tracker.paper_nearness(centre()) == 0);
+  for (const Event& event : events) tracker.push(event);
+  REQUIRE(tracker.state() == TrackingState::tracking);
+  const double nearness = tracker.paper_nearness(centre());
+  CHECK(nearness == doctest::Approx(1 / tracker.T_camera_marker().translation().z()));
+  CHECK(tracker.paper_nearness({0.5, 0.4}) == 0);
+  CHECK(behind.behind(nearness, centre()));
+  CHECK_FALSE(before.behind(nearness, centre()));
+  CHECK_FALSE(tracker.behind(nearness, centre()));
+  CHECK_FALSE(behind.behind(0, centre()));
+  tracker.lose();
+  CHECK(tracker.paper_nearness(centre()) == 0);
+}
+
 TEST_CASE("the paper's rule estimates no covariance and no velocity, and says so") {
   const auto pose = code_tracker<DecoupledUpdate>(facing_pose({0, 0, 0.6})).estimate();
   CHECK_FALSE(pose.covariance);

@@ -65,12 +65,16 @@ class LatticeMatcher {
     return correspond(lines, choice, m, correspondence);
   }
 
+  static constexpr double kRim = 1;  ///< width of the white rim that a code marker's paper needs around it [cells]
+
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  Eigen::AlignedBox2d reach() const noexcept {
+  /// @param around the least width of what it contains around a code marker [cells]
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
     if (!on_lattice_) return segments_.reach();
+    const double fringe = std::max(fringe_, around);
     Eigen::AlignedBox2d box;
-    for (const double x : {-fringe_, projected_.cells() + fringe_})
-      for (const double y : {-fringe_, projected_.cells() + fringe_}) {
+    for (const double x : {-fringe, projected_.cells() + fringe})
+      for (const double y : {-fringe, projected_.cells() + fringe}) {
         const Eigen::Vector3d P = projected_.point(x, y);
         if (!(P.z() > 0)) return everywhere();
         box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
@@ -80,6 +84,18 @@ class LatticeMatcher {
   static Eigen::AlignedBox2d everywhere() noexcept {
     const Eigen::Vector2d far = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
     return {-far, far};
+  }
+
+  /// 1/Z [1/m] of the point of a code marker's plane that a line of sight (m; 1) meets; not positive if there is none,
+  /// 0 if the present pose is not matched through the lattice.
+  double nearness(const Eigen::Vector2d& m) const noexcept {
+    return on_lattice_ ? projected_.nearness(projected_.sight(m)) : 0;
+  }
+  /// Whether that point is on the marker's paper; an outline's is its square. The events of the paper's edge count as
+  /// on it.
+  bool on_paper(const Eigen::Vector2d& m) const noexcept {
+    const double rim = projected_.cells() > 1 ? kRim : 0;
+    return on_lattice_ && projected_.within(rim + rate_ * max_distance_, projected_.sight(m));
   }
 
   const MarkerModel& model() const noexcept { return segments_.model(); }

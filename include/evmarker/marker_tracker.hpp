@@ -156,8 +156,25 @@ class MarkerTracker {
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
-  Eigen::AlignedBox2d reach() const noexcept {
-    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach();
+  /// @param around the least width of what it contains around a code marker [cells]
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
+    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
+  }
+
+  /// Where a line of sight (m; 1) meets the paper of this code marker, 1/Z [1/m]: it hides what is farther away. 0
+  /// where it does not, and while the pose is not to be relied on, from half way to being lost for too few matches on.
+  double paper_nearness(const Eigen::Vector2d& m) const noexcept {
+    const bool reliable =
+        pose_.quality.state == TrackingState::tracking && matched_fraction_ > (1 + settings_.min_matched_fraction) / 2;
+    return reliable && follower_.matcher().on_paper(m) ? follower_.matcher().nearness(m) : 0;
+  }
+
+  /// Whether another marker's paper that is so near hides this marker on a line of sight. False where that is not
+  /// known.
+  bool behind(double paper_nearness, const Eigen::Vector2d& m) const noexcept {
+    constexpr double kToldApart = 1.003;  // by the poses' errors; closer sheets may lie on each other, either above
+    const double nearness = follower_.matcher().nearness(m);
+    return nearness > 0 && kToldApart * nearness < paper_nearness;
   }
 
   MarkerId id() const noexcept { return pose_.id; }

@@ -56,6 +56,12 @@ class TileMap {
     }
   }
 
+  /// Whether an event on the sensor may belong to more than one marker.
+  bool shared(const Event& event) const noexcept {
+    const std::uint64_t bits = markers_[tile(event)];
+    return (bits & (bits - 1)) != 0 || (bits != 0 && areas_.size() > kBits);
+  }
+
   /// Calls `use(marker)` for every marker to which an event on the sensor may belong.
   template <typename Use>
   void for_each_at(const Event& event, const Use& use) const {

@@ -68,12 +68,10 @@ class TrackerCore {
     looks_.count_event();
     frame_.update(event);
     history_.push(event);
-    tiles_.for_each_at(event, [&](std::size_t i) {
-      const PoseEstimate* const pose = markers_[i].push(event);
-      if (pose == nullptr) return;
-      deliver(*pose);
-      tiles_.move(i, markers_[i].reach());
-    });
+    if (tiles_.shared(event)) [[unlikely]]
+      push_to_visible(event);
+    else
+      tiles_.for_each_at(event, [&](std::size_t i) { push_to(i, event); });
     if (!poses_.empty()) drop_lost();
     if (!candidates_.empty()) [[unlikely]]
       catch_up(kEventsForOne);
@@ -178,6 +176,25 @@ class TrackerCore {
     Timestamp since;
   };
 
+  [[gnu::always_inline]] void push_to(std::size_t i, const Event& event) {
+    const PoseEstimate* const pose = markers_[i].push(event);
+    if (pose == nullptr) return;
+    deliver(*pose);
+    place_marker(i);
+  }
+
+  // Where markers are close, to those that no other one hides there. A marker's paper is opaque, and where it covers
+  // the edges behind it, its own edge looks like theirs: they would follow it.
+  [[gnu::noinline]] void push_to_visible(const Event& event) {
+    const Eigen::Vector2d m = lines_(event);
+    double nearest = 0;
+    tiles_.for_each_at(event,
+                       [&](std::size_t i) { nearest = std::max(nearest, markers_[i].tracker().paper_nearness(m)); });
+    tiles_.for_each_at(event, [&](std::size_t i) {
+      if (!markers_[i].tracker().behind(nearest, m)) push_to(i, event);
+    });
+  }
+
   // Counts the event; false if it is not on the sensor.
   bool count(const Event& event) noexcept {
     ++statistics_.events;
@@ -206,7 +223,12 @@ class TrackerCore {
   // Enters all markers into the tiles anew: their places in the list have changed.
   void place_markers() {
     tiles_.resize(markers_.size());
-    for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
+    for (std::size_t i = 0; i < markers_.size(); ++i) place_marker(i);
+  }
+
+  // Where it may have events, and where its paper may hide other markers.
+  void place_marker(std::size_t i) noexcept {
+    tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? LatticeMatcher::kRim : 0));
   }
 
   // A marker that was just lost is looked for where its motion must have taken it.
