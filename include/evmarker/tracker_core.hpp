@@ -21,6 +21,7 @@
 #include "evmarker/tile_map.hpp"
 #include "evmarker/tracker_settings.hpp"
 #include "evmarker/undistortion_table.hpp"
+#include "evmarker/visible_markers.hpp"
 
 namespace evmarker {
 
@@ -69,7 +70,7 @@ class TrackerCore {
     frame_.update(event);
     history_.push(event);
     if (tiles_.shared(event)) [[unlikely]]
-      push_to_visible(event);
+      for_each_visible_at(event, lines_(event), tiles_, markers_, [&](std::size_t i) { push_to(i, event); });
     else
       tiles_.for_each_at(event, [&](std::size_t i) { push_to(i, event); });
     if (!poses_.empty()) drop_lost();
@@ -181,18 +182,6 @@ class TrackerCore {
     if (pose == nullptr) return;
     deliver(*pose);
     place_marker(i);
-  }
-
-  // Where markers are close, to those that no other one hides there. A marker's paper is opaque, and where it covers
-  // the edges behind it, its own edge looks like theirs: they would follow it.
-  [[gnu::noinline]] void push_to_visible(const Event& event) {
-    const Eigen::Vector2d m = lines_(event);
-    double nearest = 0;
-    tiles_.for_each_at(event,
-                       [&](std::size_t i) { nearest = std::max(nearest, markers_[i].tracker().paper_nearness(m)); });
-    tiles_.for_each_at(event, [&](std::size_t i) {
-      if (!markers_[i].tracker().behind(nearest, m)) push_to(i, event);
-    });
   }
 
   // Counts the event; false if it is not on the sensor.
