@@ -53,8 +53,7 @@ Run run_tracker(const Situation& situation, const std::vector<Event>& events, co
   run.events = events.size();
   std::vector<PoseEstimate> poses;
   const double begin = processor_s();
-  for (const Event& event : events)
-    for (const PoseEstimate& pose : tracker.push(event)) poses.push_back(pose);
+  tracker.push(events, [&](const PoseEstimate& pose) { poses.push_back(pose); });
   run.track_s = processor_s() - begin - *detector.seconds;
   run.detect_s = *detector.seconds;
   for (const PoseEstimate& pose : poses) run.add(situation, pose);

@@ -58,13 +58,15 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
     console::ProgressBar progress(options.quiet);
     for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
       recording_checks::require_sane(recording, options.recording, options.camera, false);
-      for (const Event& event : batch) {
-        viewer.advance(event.t, tracker, model_of);
-        for (const PoseEstimate& pose : tracker.push(event)) {
+      for (std::span<const Event> left = batch; !left.empty();) {
+        viewer.advance(left.front().t, tracker, model_of);
+        const std::span<const Event> until_frame = viewer.before_next_frame(left);
+        tracker.push(until_frame, [&](const PoseEstimate& pose) {
           if (output) output->write(pose);
           summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
           viewer.add(pose);
-        }
+        });
+        left = left.subspan(until_frame.size());
       }
       summary.add(batch);
       progress.update(recording.bytes_read(), recording.bytes_total());

@@ -59,6 +59,14 @@ class Viewer {
     for (; next_t_ <= t; next_t_ = frame_t(++frames_since_start_ + 1)) take(tracker, model_of);
   }
 
+  /// The first of some events, and those after it that come before a frame is due.
+  std::span<const evmarker::Event> before_next_frame(std::span<const evmarker::Event> events) const {
+    if (!wanted_) return events;
+    std::size_t count = 1;
+    while (count < events.size() && events[count].t < next_t_ && events[count].t >= last_t_) ++count;
+    return events.first(count);
+  }
+
   /// Takes the last frame and completes the files.
   template <typename Tracker, typename ModelOf>
   void finish(const Tracker& tracker, const ModelOf& model_of) {

@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
 #include <random>
 #include <vector>
@@ -18,8 +19,8 @@ using evmarker::UndistortionTable;
 namespace {
 
 const PinholeCamera kStraight{{200, 150}, 160, 160, 99.5, 74.5};
-const PinholeCamera kDistorted{{203, 149}, 150, 155, 97, 71,
-                               evmarker::BrownConradyDistortion{-0.32, 0.11, 0.001, -0.002, -0.02}};
+const PinholeCamera kDistorted{{203, 149}, 150, 155,
+                               97,         71,  evmarker::BrownConradyDistortion{-0.32, 0.11, 0.001, -0.002, -0.02}};
 
 std::vector<int> asked(const TileMap& map, const Event& event) {
   std::vector<int> markers;
@@ -59,6 +60,9 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
             inside += reached;
             if (times[i] > 1 || (reached && times[i] != 1)) FAIL_CHECK("marker " << i << " at " << x << ", " << y);
           }
+          const auto its = [&](const AlignedBox2d& reach) { return reach.contains(Vector2d(lines(at(x, y)))); };
+          if (std::ranges::count_if(reaches, its) > 1 && !map.shared(at(x, y), lines))
+            FAIL_CHECK("not shared at " << x << ", " << y);
           told += static_cast<long>(markers.size());
           ++pixels;
         }
@@ -78,6 +82,8 @@ TEST_CASE("a marker that may be anywhere is told everything, one that left or wa
   map.move(2, {Vector2d(-0.1, -0.1), Vector2d(0.1, 0.1)});
   CHECK(asked(map, at(100, 75)) == std::vector{1, 2});
   CHECK(asked(map, at(0, 149)) == std::vector{1});
+  CHECK(map.shared(at(100, 75), lines));
+  CHECK_FALSE(map.shared(at(0, 149), lines));
   map.move(2, {Vector2d(5, 5), Vector2d(6, 6)});
   CHECK(asked(map, at(100, 75)) == std::vector{1});
   map.resize(2);

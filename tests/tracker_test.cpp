@@ -334,6 +334,56 @@ TEST_CASE("several markers are tracked at once, each by its own id") {
   }
 }
 
+TEST_CASE("a marker that another one covers in part is followed by its own edges, not by the other's paper") {
+  const auto sway = [](const Eigen::Vector3d& centre, const Eigen::Vector3d& amplitude_m, std::uint64_t seed) {
+    return trajectory::handheld(
+        {.T_center = facing_pose(centre), .amplitude_m = amplitude_m, .frequency_hz = 1.3, .seed = seed});
+  };
+  constexpr double kHalf = simulated::kMarkerLength / 2, kHalfPaper = kHalf * 8 / 6;  // with a rim of one of six cells
+  for (const std::uint64_t seed : {62u, 63u, 65u}) {
+    CAPTURE(seed);
+    const Trajectory behind = sway({-0.03, 0, 0.62}, {0.02, 0.02, 0.02}, seed);
+    const Trajectory before = sway({0.10, 0, 0.55}, {0.03, 0.04, 0.02}, seed + 100);
+    const auto covered_share = [&](double s) {
+      constexpr int kPoints = 21;
+      const Eigen::Isometry3d T_paper_camera = before(s).inverse();
+      int covered = 0;
+      for (int i = 0; i < kPoints * kPoints; ++i) {
+        const Eigen::Vector3d on_marker(kHalf * (i % kPoints - 10) / 10.0, kHalf * (i / kPoints - 10) / 10.0, 0);
+        const Eigen::Vector3d point = T_paper_camera * (behind(s) * on_marker), eye = T_paper_camera.translation();
+        const Eigen::Vector3d on_paper = eye + eye.z() / (eye.z() - point.z()) * (point - eye);
+        covered += point.z() < 0 && on_paper.head<2>().cwiseAbs().maxCoeff() < kHalfPaper;
+      }
+      return covered / static_cast<double>(kPoints * kPoints);
+    };
+    double most_covered = 0, covered_s = 0;
+    for (double s = 0; s < 1.5; s += 0.01) {
+      most_covered = std::max(most_covered, covered_share(s));
+      covered_s += covered_share(s) > 0.05 ? 0.01 : 0;
+    }
+    REQUIRE(covered_s > 0.1);
+    REQUIRE(most_covered < 0.35);
+
+    const auto events = simulated::record(
+        {simulated::camera,
+         {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(0), .T_camera_marker = behind},
+          {.id = 1, .length = simulated::kMarkerLength, .bits = simulated::code(1), .T_camera_marker = before}},
+         SimulatorSettings{.duration_s = 1.5, .seed = seed}});
+    Tracker tracker(simulated::camera, aruco());
+    AccuracyMeter meter;
+    int while_covered = 0;
+    for (const PoseEstimate& pose : track(tracker, events)) {
+      if (pose.id != 0) continue;
+      while_covered += covered_share(seconds(pose.t)) > 0.05;
+      meter.add(pose, behind(seconds(pose.t)));
+    }
+    CHECK(while_covered > 300);
+    CHECK(tracker.statistics().lost == 0);
+    CHECK(meter.translation_mm().max < 3);
+    CHECK(meter.rotation_deg().max < 3);
+  }
+}
+
 TEST_CASE("of a planar marker's two poses, the events choose the right one") {
   // 1.2 m away and tilted, the marker looks almost the same tilted the other way.
   const Trajectory motion = trajectory::handheld({.T_center = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),

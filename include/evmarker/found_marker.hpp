@@ -52,8 +52,10 @@ class FoundMarker {
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }
   const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
   MarkerId id() const noexcept { return tracker_.id(); }
-  /// Events with lines of sight outside of this do nothing until the next pose.
-  Eigen::AlignedBox2d reach() const noexcept { return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(); }
+  /// See MarkerTracker::reach.
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
+    return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(around);
+  }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:

@@ -119,11 +119,13 @@ class LatticeMatcher {
   const ProjectedLattice& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  Eigen::AlignedBox2d reach() const noexcept {
+  /// @param around the least width of what it contains around a code marker [cells]
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
     if (!on_lattice_) return segments_.reach();
+    const double fringe = std::max(fringe_, around);
     Eigen::AlignedBox2d box;
-    for (const double x : {-fringe_, projected_.cells() + fringe_})
-      for (const double y : {-fringe_, projected_.cells() + fringe_}) {
+    for (const double x : {-fringe, projected_.cells() + fringe})
+      for (const double y : {-fringe, projected_.cells() + fringe}) {
         const Eigen::Vector3d P = projected_.point(x, y);
         if (!(P.z() > 0)) return everywhere();
         box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
@@ -137,6 +139,7 @@ class LatticeMatcher {
 
   const MarkerModel& model() const noexcept { return segments_.model(); }
   double focal_length() const noexcept { return focal_length_; }
+  double max_distance_px() const noexcept { return focal_length_ * max_distance_; }
   /// Whether the present pose is matched through the lattice.
   bool on_lattice() const noexcept { return on_lattice_; }
 

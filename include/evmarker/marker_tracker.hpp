@@ -64,12 +64,11 @@ class MarkerTracker {
     const auto require = [](bool good, const char* name, auto value) {
       if (!good) throw std::invalid_argument(name + (" is " + std::to_string(value)));
     };
-    require(settings.converging_events >= 0, "converging_events", settings.converging_events);
-    require(settings.min_matched_fraction >= 0 && settings.min_matched_fraction < 1, "min_matched_fraction",
-            settings.min_matched_fraction);
-    require(settings.matched_fraction_events > 0, "matched_fraction_events", settings.matched_fraction_events);
-    require(settings.max_silent_share > 0 && settings.max_silent_share <= 1, "max_silent_share",
-            settings.max_silent_share);
+    const Settings& s = settings;
+    require(s.converging_events >= 0, "converging_events", s.converging_events);
+    require(s.min_matched_fraction >= 0 && s.min_matched_fraction < 1, "min_matched_fraction", s.min_matched_fraction);
+    require(s.matched_fraction_events > 0, "matched_fraction_events", s.matched_fraction_events);
+    require(s.max_silent_share > 0 && s.max_silent_share <= 1, "max_silent_share", s.max_silent_share);
     pose_.id = id;
     if (settings.capture) {
       capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
@@ -113,9 +112,8 @@ class MarkerTracker {
     }
   }
 
-  /// The events of a time are missing, dropped by a queue or a camera that overflowed. A rule that knows the marker's
-  /// motion bridges it as long as it knows where the edges are to within the matching distance; any other one does for
-  /// a millisecond.
+  /// The events of a time are missing, dropped by a queue or a camera. A rule that knows the marker's motion bridges it
+  /// as long as it knows the edges to within the matching distance, any other one for a millisecond.
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (pose_.quality.state == TrackingState::lost || missing <= kBriefly) return nullptr;
@@ -154,16 +152,21 @@ class MarkerTracker {
     return tell();
   }
 
-  /// How badly the edges explained the events while the tracker converged: root mean square distance of all events on
-  /// or near the wireframe, the unmatched ones at the matching limit [px]. Tells which of two starts was the right one.
-  /// Infinite before the first update.
+  /// How badly the edges explained the events while the tracker converged, to tell which of two starts was right: root
+  /// mean square distance of those on or near the wireframe, unmatched ones at the limit [px]; infinite at first.
   double misfit_px() const noexcept {
     return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : std::numeric_limits<double>::infinity();
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
-  Eigen::AlignedBox2d reach() const noexcept {
-    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach();
+  /// @param around the least width of what it contains around a code marker [cells]
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
+    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
+  }
+
+  /// Whether it tracks, and far from being lost for too few matches: at most half way.
+  bool reliable() const noexcept {
+    return state() == TrackingState::tracking && matched_fraction_ > (1 + settings_.min_matched_fraction) / 2;
   }
 
   MarkerId id() const noexcept { return pose_.id; }

@@ -80,6 +80,9 @@ class ProjectedLattice {
     return (s.a - centre_ * s.w).abs().maxCoeff() < (centre_ + fringe) * s.w;
   }
 
+  /// 1/Z [1/m] of the point of the marker's plane that the event's line of sight meets.
+  double nearness(const Sight& s) const noexcept { return s.w / determinant_; }
+
   /// The sum of a number and this ends in the bits of the nearest integer. SSE2 cannot round, and a conversion to an
   /// integer and back takes longer.
   static constexpr double kRounding = 0x1.8p52;

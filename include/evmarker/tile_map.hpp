@@ -56,6 +56,17 @@ class TileMap {
     }
   }
 
+  /// Whether an event on the sensor may belong to more than one marker.
+  bool shared(const Event& event, const UndistortionTable& lines) const noexcept {
+    const std::uint64_t bits = markers_[tile(event)];
+    if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
+      return false;
+    const Eigen::Vector2d m = lines(event);
+    int markers = 0;
+    for_each_at(event, [&](std::size_t i) { markers += areas_[i].contains(m); });
+    return markers > 1;
+  }
+
   /// Calls `use(marker)` for every marker to which an event on the sensor may belong.
   template <typename Use>
   void for_each_at(const Event& event, const Use& use) const {

@@ -10,18 +10,21 @@
 #include <vector>
 
 #include "evmarker/found_marker.hpp"
+#include "evmarker/paper.hpp"
 #include "evmarker/tile_map.hpp"
 #include "evmarker/undistortion_table.hpp"
 
 namespace evmarker {
 
-/// Gives every event to the markers that it may belong to, at once, or together with others that come for them.
+/// Gives every event to the markers that it may belong to and that no other one hides there, at once, or together with
+/// others that come for them.
 template <PoseUpdateRule Rule>
 class TrackedMarkers {
  public:
   static constexpr std::size_t kMostWaiting = 1024;  ///< events, until `push_waiting`
 
-  TrackedMarkers(const UndistortionTable& lines, std::size_t max_markers) : tiles_(lines), inboxes_(max_markers) {
+  TrackedMarkers(const UndistortionTable& lines, std::size_t max_markers)
+      : lines_(lines), tiles_(lines), inboxes_(max_markers) {
     markers_.reserve(max_markers);
   }
 
@@ -37,31 +40,33 @@ class TrackedMarkers {
   /// Calls `use(pose)` with each pose that the event leads to.
   template <std::invocable<const PoseEstimate&> Use>
   void push(const Event& event, const Use& use) {
-    tiles_.for_each_at(event, [&](std::size_t i) {
+    const auto push_to = [&](std::size_t i) {
       const PoseEstimate* const pose = markers_[i].push(event);
       if (pose == nullptr) return;
       use(*pose);
-      tiles_.move(i, markers_[i].reach());
-    });
+      place(i);
+    };
+    if (tiles_.shared(event, lines_)) [[unlikely]]
+      for_each_visible_at(event, push_to);
+    else
+      tiles_.for_each_at(event, push_to);
   }
 
-  /// Keeps the event for `push_waiting`.
-  void wait(const Event& event) noexcept {
-    tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+  /// The same later, at `push_waiting`, or now: where markers meet, whose it is depends on where they are by now.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push_soon(const Event& event, const Use& use) {
+    if (tiles_.shared(event, lines_)) [[unlikely]] {
+      tiles_.for_each_at(event, [&](std::size_t i) { push_waiting(i, use); });
+      push(event, use);
+    } else {
+      tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+    }
   }
 
   /// Gives the markers the events that wait, one marker after the other.
   template <std::invocable<const PoseEstimate&> Use>
   void push_waiting(const Use& use) {
-    for (std::size_t i = 0; i < markers_.size(); ++i) {
-      bool moved = false;
-      markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
-        moved = true;
-        use(pose);
-      });
-      inboxes_[i].clear();
-      if (moved) tiles_.move(i, markers_[i].reach());
-    }
+    for (std::size_t i = 0; i < markers_.size(); ++i) push_waiting(i, use);
   }
 
   /// See MarkerTracker::skip.
@@ -102,12 +107,39 @@ class TrackedMarkers {
     std::size_t count_ = 0;
   };
 
+  template <typename Use>
+  void push_waiting(std::size_t i, const Use& use) {
+    bool moved = false;
+    markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
+      moved = true;
+      use(pose);
+    });
+    inboxes_[i].clear();
+    if (moved) place(i);
+  }
+
   // Enters all markers into the tiles anew: their places in the list have changed.
   void place_all() {
     tiles_.resize(markers_.size());
-    for (std::size_t i = 0; i < markers_.size(); ++i) tiles_.move(i, markers_[i].reach());
+    for (std::size_t i = 0; i < markers_.size(); ++i) place(i);
   }
 
+  // Where it may have events, and where its paper may hide other markers.
+  void place(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kPaperRim : 0)); }
+
+  // Not inline, for the sake of the events that only one marker may have.
+  template <typename Use>
+  [[gnu::noinline]] void for_each_visible_at(const Event& event, const Use& use) {
+    const Eigen::Vector2d m = lines_(event);
+    double nearest = 0;
+    tiles_.for_each_at(event,
+                       [&](std::size_t i) { nearest = std::max(nearest, paper_nearness(markers_[i].tracker(), m)); });
+    tiles_.for_each_at(event, [&](std::size_t i) {
+      if (!hidden_by(nearest, markers_[i].tracker(), m)) use(i);
+    });
+  }
+
+  UndistortionTable lines_;
   TileMap tiles_;
   std::vector<FoundMarker<Rule>> markers_;
   std::vector<Inbox> inboxes_;

@@ -46,14 +46,7 @@ class TrackerCore {
         looks_(settings),
         markers_(lines_, settings.max_markers),
         candidates_(settings.max_markers) {
-    const auto require = [](bool good, const char* name, auto value) {
-      if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
-    };
-    require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
-    require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
-    require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
-    require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
-    require(settings.max_markers > 0, "max_markers", settings.max_markers);
+    validate(settings);
     settings_.marker.capture.reset();  // a detection has been fitted to the edges already
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers + kBetweenChecks);
@@ -64,24 +57,23 @@ class TrackerCore {
   bool push(const Event& event) {
     begin();
     if (!enter(event)) return false;
-    markers_.push(event, [&](const PoseEstimate& pose) { deliver(pose); });
+    markers_.push(event, delivering());
     if (!poses_.empty()) drop_lost();
     if (!candidates_.empty()) [[unlikely]]
       catch_up(kEventsForOne);
     return true;
   }
 
-  /// Takes the first of some events, as many as suit it, but none after one about which `stop(event)` is true. It is
-  /// asked about each that is not discarded. Then `use(pose)` is called with each pose, in order of time: the same as
-  /// one by one, and faster. None are left in `poses()`.
+  /// Takes the first of some events, but none after one about which `stop(event)` is true: asked of each that is not
+  /// discarded. Calls `use(pose)` with each pose, in order of time: the same as one by one, and faster. None are left
+  /// in `poses()`.
   /// @return how many were taken
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
     if (!candidates_.empty()) {
       if (push(events.front())) stop(events.front());
-      std::ranges::for_each(poses_, use);
-      poses_.clear();
+      hand_over(use);
       return 1;
     }
     begin();
@@ -91,13 +83,12 @@ class TrackerCore {
     for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
       const Event& event = events[taken];
       if (!enter(event)) continue;
-      markers_.wait(event);
+      markers_.push_soon(event, delivering());
       stopped = stop(event);
     }
-    markers_.push_waiting([&](const PoseEstimate& pose) { deliver(pose); });
+    markers_.push_waiting(delivering());
     if (!poses_.empty()) drop_lost();
-    in_order_of_time(use);
-    poses_.clear();
+    hand_over(use);
     return taken;
   }
 
@@ -119,7 +110,7 @@ class TrackerCore {
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
     followable_since_ = history_.pushed();
     candidates_.skip(missing, history_);
-    markers_.skip(missing, [&](const PoseEstimate& lost) { deliver(lost); });
+    markers_.skip(missing, delivering());
     drop_lost();
     searching_ = searching();
   }
@@ -196,13 +187,14 @@ class TrackerCore {
     if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
   }
 
-  // The poses of each marker are already.
+  // In order of time: those of each marker are already.
   template <typename Use>
-  void in_order_of_time(const Use& use) {
+  void hand_over(const Use& use) {
     order_.resize(poses_.size());
     std::iota(order_.begin(), order_.end(), std::size_t{0});
     std::ranges::sort(order_, {}, [&](std::size_t i) { return std::pair(poses_[i].t, i); });
     for (const std::size_t i : order_) use(poses_[i]);
+    poses_.clear();
   }
 
   // Counts, filters and remembers the event; false if it is discarded.
@@ -230,6 +222,10 @@ class TrackerCore {
       ++statistics_.lost;
     else
       statistics_.matched += static_cast<std::uint64_t>(pose.quality.matched);
+  }
+
+  auto delivering() noexcept {
+    return [this](const PoseEstimate& pose) { deliver(pose); };
   }
 
   // A lost marker's id goes back to the detector.

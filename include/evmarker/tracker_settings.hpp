@@ -3,6 +3,8 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <stdexcept>
+#include <string>
 
 #include "evmarker/marker_tracker.hpp"
 
@@ -24,6 +26,19 @@ struct TrackerSettings {
   std::size_t history_events = 1u << 18;  ///< kept to be replayed
   MarkerTrackerSettings<Rule> marker{};   ///< of every marker's tracker
 };
+
+/// @throws std::invalid_argument naming the setting that is out of range
+template <PoseUpdateRule Rule>
+void validate(const TrackerSettings<Rule>& settings) {
+  const auto require = [](bool good, const char* name, auto value) {
+    if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
+  };
+  require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
+  require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
+  require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
+  require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
+  require(settings.max_markers > 0, "max_markers", settings.max_markers);
+}
 
 /// What happened to the events so far.
 struct TrackerStatistics {
