@@ -7,6 +7,7 @@
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
