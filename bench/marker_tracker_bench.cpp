@@ -24,8 +24,7 @@ void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings, Pushed p
   const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);
   AccuracyMeter accuracy;
   Tracker measured = start;
-  measured.push(std::span(recording.filtered),
-                [&](const PoseEstimate& pose) { accuracy.add(pose, recording.truth(pose.t)); });
+  measured.push(recording.filtered, [&](const PoseEstimate& pose) { accuracy.add(pose, recording.truth(pose.t)); });
 
   for (auto _ : state) {
     state.PauseTiming();

@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cstdio>
 #include <exception>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -47,7 +46,7 @@ Run run(const std::string& rule, int n) {
     accepted.clear();
     for (; next < recording.events.size() && recording.events[next].t < end; ++next)
       if (filter.accept(recording.events[next])) accepted.push_back(recording.events[next]);
-    tracker.push(std::span<const Event>(accepted), [&](const PoseEstimate& pose) { poses.push_back(pose); });
+    tracker.push(accepted, [&](const PoseEstimate& pose) { poses.push_back(pose); });
     computed += std::chrono::steady_clock::now() - start;
     run.computed_s.push_back(computed.count());
     for (const PoseEstimate& pose : poses) accuracy.add(pose, recording.truth(pose.t));

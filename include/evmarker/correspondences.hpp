@@ -8,7 +8,7 @@
 namespace evmarker {
 
 /// Up to eight events matched at one pose: what `Correspondence` says of each, in lanes, toward the dark side of its
-/// edge. Lanes from `count` on mean nothing.
+/// edge. Lanes from `count` on are finite and mean nothing.
 struct alignas(64) Correspondences {
   Lanes t;              ///< [us]
   Lanes distance_px;    ///< Eq. (1)

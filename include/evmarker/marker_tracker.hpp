@@ -2,13 +2,13 @@
 // Floor 6. One marker, from a known pose on: follow it, verify it, say when it is lost.
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <concepts>
 #include <cstddef>
 #include <limits>
 #include <optional>
+#include <ranges>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -88,9 +88,11 @@ class MarkerTracker {
     return note(event, follower_.push(m, event.t, event.p > 0));  // a NaN direction is far from everything
   }
 
-  /// Takes many events, with the same poses and about twice as fast: `use(pose)` is called with each.
-  template <EventLike E, std::invocable<const PoseEstimate&> Use>
-  void push(std::span<const E> events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+  /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
+  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    std::span<const std::ranges::range_value_t<Events>> events(all);
     while (!events.empty() && pose_.quality.state != TrackingState::lost) {
       if (capturing_ || !follower_.in_groups()) {
         if (const PoseEstimate* const pose = push(events.front())) use(*pose);
@@ -100,7 +102,8 @@ class MarkerTracker {
       EventGroup group;
       group.fill(std::min(events.size(), follower_.group_size()), [&](std::size_t i) {
         const Event event = to_event(events[i]);
-        return std::pair(line_of_sight(event), event.t);
+        const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
+        return std::pair(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t);
       });
       const PoseEstimate* pose = nullptr;
       const std::size_t taken = follower_.push(group, [&](std::size_t i, const auto& result) {
@@ -202,10 +205,6 @@ class MarkerTracker {
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
     return &tell();
-  }
-
-  Eigen::Vector2d line_of_sight(const Event& event) const noexcept {
-    return lines_.sensor_size().contains(event.x, event.y) ? lines_(event) : UndistortionTable::nowhere();
   }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.

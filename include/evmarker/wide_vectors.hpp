@@ -3,7 +3,8 @@
 
 namespace evmarker {
 
-#if defined(__GNUC__) && defined(__x86_64__)
+// Known of GCC alone; others make vectors of what they are told to compile for.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
 
 namespace detail {
 
