@@ -67,12 +67,13 @@ Findings answer(Detector& detector, const PolarityFrame& frame, const Look& look
       if (!found_by_id(id))
         if (const auto detection = detector.search(id, T_camera_marker)) add(*detection);
 
-  for (const auto& [id, T_camera_marker] : look.unconfirmed)
-    if constexpr (requires { detector.shows(id, T_camera_marker); })
-      findings.confirmed.push_back(detector.shows(id, T_camera_marker));
+  for (const PlacedMarker& marker : look.unconfirmed)
+    if constexpr (requires { detector.shows(marker.id, marker.T_camera_marker); })
+      findings.confirmed.push_back(detector.shows(marker.id, marker.T_camera_marker));
     else
       findings.confirmed.push_back(std::ranges::any_of(findings.found, [&](const Findings::Found& found) {
-        return found.detection.id == id && same_place(found.detection, T_camera_marker, look.focal_length);
+        return found.detection.id == marker.id &&
+               same_place(found.detection, marker.T_camera_marker, look.focal_length);
       }));
   return findings;
 }

@@ -148,7 +148,7 @@ class TrackerCore {
   void take(const Findings& findings) {
     looks_.end();
     std::erase_if(missing_, [&](const FoundMarker<Rule>& marker) {
-      return std::ranges::any_of(findings.found | std::views::take(findings.detected),
+      return std::ranges::any_of(std::span(findings.found).first(findings.detected),
                                  [&](const auto& found) { return found.detection.id == marker.id(); });
     });
     candidates_.answer(findings);
