@@ -1,6 +1,8 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstdlib>
 #include <new>
 #include <optional>
@@ -145,6 +147,13 @@ TEST_CASE_TEMPLATE("a million events through a marker's tracker, verification in
       REQUIRE(count.taken() == 0);
       REQUIRE(count.given_back() == 0);
       CHECK(tracker.state() == TrackingState::tracking);
+
+      MarkerTracker<Rule> together = start;
+      const Count count_together;
+      together.push(events, [](const PoseEstimate&) {});
+      REQUIRE(count_together.taken() == 0);
+      REQUIRE(count_together.given_back() == 0);
+      CHECK(together.state() == TrackingState::tracking);
     }
     CHECK(pushed >= kEvents);
     CHECK(poses > pushed / static_cast<std::size_t>(2 * n));
@@ -184,4 +193,31 @@ TEST_CASE("a million events through the tracker of all markers without an alloca
   }
   CHECK(looks > 30);
   CHECK(poses > 1000);
+}
+
+TEST_CASE("events that come together are tracked without an allocation between looks, too") {
+  constexpr std::chrono::microseconds kLatency{3000};
+  std::size_t looks = 0, poses = 0, batches = 0, allocating = 0;
+  Tracker<FirstLook> tracker(simulated::camera, FirstLook{.looks = &looks},
+                             {.detection_latency = kLatency, .detections_to_confirm = 1});
+  const auto& events = recording().events;
+  std::optional<Timestamp> first_look;
+  for (std::size_t i = 0; i < events.size(); i += 100) {
+    const auto batch = std::span(events).subspan(i, std::min<std::size_t>(100, events.size() - i));
+    const std::size_t looks_before = looks, registered_before = tracker.statistics().registered;
+    std::size_t told = 0;
+    const Count count;
+    tracker.push(batch, [&](const PoseEstimate&) { ++told; });
+    const std::size_t taken = count.taken() + count.given_back();
+    poses += told;
+    if (looks != looks_before) first_look = first_look.value_or(batch.back().t);
+    const bool answered = first_look && batch.front().t > *first_look + kLatency.count();
+    if (looks != looks_before || tracker.statistics().registered != registered_before || !answered) continue;
+    ++batches;
+    allocating += taken > 0;
+  }
+  REQUIRE(tracker.statistics().registered == 1);
+  CHECK(poses > 500);
+  CHECK(batches > 500);
+  CHECK(allocating == 0);
 }
