@@ -422,6 +422,8 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
     pipeline.push(timed.data(), timed.data() + pushed);
     pipeline.flush();
     CHECK(pipeline.status().replayed == 0);
+    for (int i = 0; i < 30000 && first_look == 0; ++i) std::this_thread::sleep_for(1ms);  // the detector has it
+    REQUIRE(first_look != 0);
     released = true;
     const auto since = static_cast<std::uint64_t>(std::ranges::count_if(
         timed.begin(), timed.begin() + pushed, [&](const Event& event) { return event.t > first_look; }));
