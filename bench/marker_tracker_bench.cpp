@@ -1,7 +1,6 @@
 #include <benchmark/benchmark.h>
 
 #include <limits>
-#include <span>
 
 #include "evmarker/decoupled_update.hpp"
 #include "evmarker/kalman_update.hpp"
@@ -12,7 +11,7 @@ using namespace evmarker;
 
 namespace {
 
-enum class Pushed { together, one_by_one };
+using bench::Pushed;
 
 // Filtered events in, poses out. Timed: the look-up of the line of sight, matching, averages, updates, the bookkeeping
 // of the quality. The pose error comes from a pass over the same events before.
@@ -30,15 +29,7 @@ void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings, Pushed p
     state.PauseTiming();
     Tracker tracker = start;
     state.ResumeTiming();
-    if (pushed == Pushed::together)
-      bench::in_batches(recording.filtered, [&](std::span<const Event> events) {
-        tracker.push(events, [](const PoseEstimate& pose) { benchmark::DoNotOptimize(&pose); });
-      });
-    else
-      for (const Event& event : recording.filtered) {
-        auto pose = tracker.push(event);
-        benchmark::DoNotOptimize(pose);
-      }
+    bench::push_all(tracker, recording.filtered, pushed);
   }
   bench::report_rates(state, recording.filtered.size(), accuracy.poses());
   bench::report_accuracy(state, accuracy, recording.end());

@@ -113,12 +113,23 @@ inline const Recording& recording(int markers = 1) {
   return simulated.emplace(markers, std::move(recording)).first->second;
 }
 
-/// Calls `use(events)` with as many events at a time as a camera's driver may deliver.
-template <typename Use>
-void in_batches(std::span<const Event> events, const Use& use) {
+/// How events come to a tracker: as many at a time as a camera's driver may deliver, or each by itself.
+enum class Pushed { together, one_by_one };
+
+/// Pushes all of them and has every pose count as used.
+template <typename Tracker>
+void push_all(Tracker& tracker, std::span<const Event> events, Pushed pushed) {
+  if (pushed == Pushed::one_by_one) {
+    for (const Event& event : events) {
+      auto poses = tracker.push(event);
+      benchmark::DoNotOptimize(poses);
+    }
+    return;
+  }
   constexpr std::size_t kBatch = 1000;
   for (; !events.empty(); events = events.subspan(std::min(kBatch, events.size())))
-    use(events.first(std::min(kBatch, events.size())));
+    tracker.push(events.first(std::min(kBatch, events.size())),
+                 [](const auto& pose) { benchmark::DoNotOptimize(&pose); });
 }
 
 /// Events and poses per second from what one iteration does.

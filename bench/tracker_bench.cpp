@@ -1,6 +1,5 @@
 #include <benchmark/benchmark.h>
 
-#include <span>
 #include <vector>
 
 #include "evmarker/tracker.hpp"
@@ -43,7 +42,7 @@ class TrueStart {
 };
 static_assert(MarkerDetector<TrueStart>);
 
-enum class Pushed { together, one_by_one };
+using bench::Pushed;
 
 // The whole of `Tracker` on raw events: filter, polarity frame, history, every marker's tracking and verification;
 // looks at the frame that find nothing.
@@ -69,15 +68,7 @@ void tracker(benchmark::State& state) {
     state.PauseTiming();
     auto tracker = start;
     state.ResumeTiming();
-    if constexpr (pushed == Pushed::together)
-      bench::in_batches(recording.events, [&](std::span<const Event> events) {
-        tracker.push(events, [](const PoseEstimate& pose) { benchmark::DoNotOptimize(&pose); });
-      });
-    else
-      for (const Event& event : recording.events) {
-        auto poses_of_event = tracker.push(event);
-        benchmark::DoNotOptimize(poses_of_event);
-      }
+    bench::push_all(tracker, recording.events, pushed);
   }
   bench::report_rates(state, recording.events.size(), poses);
   double translation_mm = 0, rotation_deg = 0, coverage = 0;

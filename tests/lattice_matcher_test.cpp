@@ -4,12 +4,12 @@
 
 #include <limits>
 #include <numbers>
-#include <random>
 #include <utility>
 #include <vector>
 
 #include "evmarker/camera.hpp"
 #include "evmarker/undistortion_table.hpp"
+#include "random_pose.hpp"
 
 using Eigen::Isometry3d;
 using Eigen::Vector2d;
@@ -35,32 +35,16 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-class Random {
- public:
-  explicit Random(unsigned seed) : engine_(seed) {}
-  double operator()(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
-  int integer(int low, int high) { return std::uniform_int_distribution<int>(low, high)(engine_); }
-
- private:
-  std::mt19937 engine_;
-};
-
 CodeBits random_bits(Random& random, int size) {
   CodeBits bits(size, size);
   for (int i = 0; i < bits.size(); ++i) bits(i / size, i % size) = static_cast<std::uint8_t>(random.integer(0, 1));
   return bits;
 }
 
-// Somewhere in a cone about the optical axis, tilted and turned; one in eight is seen from behind.
-Isometry3d random_pose(Random& random, double distance, double max_tilt) {
-  const double turn = random(-kPi, kPi), direction = random(-kPi, kPi), tilt = random(0, max_tilt);
-  const double front = random.integer(0, 7) == 0 ? 0 : kPi;
-  Isometry3d T = Isometry3d::Identity();
-  T.linear() = (Eigen::AngleAxisd(tilt, Vector3d(std::cos(direction), std::sin(direction), 0)) *
-                Eigen::AngleAxisd(front, Vector3d::UnitX()) * Eigen::AngleAxisd(turn, Vector3d::UnitZ()))
-                   .toRotationMatrix();
-  T.translation() = distance * Vector3d(random(-0.4, 0.4), random(-0.3, 0.3), 1);
-  return T;
+// One in eight is seen from behind.
+Isometry3d pose_from_any_side(Random& random, double distance, double max_tilt) {
+  const bool from_behind = random.integer(0, 7) == 0;
+  return random_pose(random, distance, max_tilt, from_behind);
 }
 
 struct Tally {
@@ -160,7 +144,7 @@ Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
         kind == 0 ? make_square_marker(length) : make_code_marker(length, random_bits(random, 2 + kind));
     LatticeMatcher lattice(model, focal_length, trial.settings);
     SegmentMatcher segments(model, focal_length, trial.settings);
-    const Isometry3d T = random_pose(random, random(trial.distance_low, trial.distance_high), trial.max_tilt);
+    const Isometry3d T = pose_from_any_side(random, random(trial.distance_low, trial.distance_high), trial.max_tilt);
     if (lattice.project(T) != segments.project(T)) ++tally.disagreements;
     for (int k = 0; k < trial.events; ++k) {
       const auto& edge =
@@ -224,13 +208,13 @@ TEST_CASE("a matcher that goes from pose to pose matches like one that is new at
   LatticeMatcher lattice(model, 533);
   SegmentMatcher segments(model, 533);
   Tally tally;
-  Isometry3d T = random_pose(random, 0.5, 0.3);
+  Isometry3d T = pose_from_any_side(random, 0.5, 0.3);
   int changes = 0;
   for (int i = 0; i < 3000; ++i) {
     // A slow motion with a jump now and then, also to where the marker is too small for the lattice or behind the
     // camera.
     T.translation() += Vector3d(random(-1, 1), random(-1, 1), random(-1, 1)) * 1e-3;
-    if (i % 50 == 0) T = random_pose(random, random(0.2, 2), 1.4);
+    if (i % 50 == 0) T = pose_from_any_side(random, random(0.2, 2), 1.4);
     if (i % 500 == 49) T.translation() *= -1;
     const bool on_lattice = lattice.on_lattice();
     const bool visible = segments.project(T);
@@ -285,7 +269,7 @@ TEST_CASE("a wireframe without a lattice is matched by the search over all segme
   SegmentMatcher segments(model, 533);
   Tally tally;
   for (int i = 0; i < 100; ++i) {
-    const Isometry3d T = random_pose(random, 0.5, 0.8);
+    const Isometry3d T = pose_from_any_side(random, 0.5, 0.8);
     REQUIRE(matcher.project(T) == segments.project(T));
     for (int k = 0; k < 50; ++k) {
       const Vector3d P = T * Vector3d(random(-0.055, 0.055), random(-0.055, 0.055), 0);

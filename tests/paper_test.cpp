@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
-#include <random>
 
+#include "random_pose.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -15,43 +15,17 @@ using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-namespace {
-
-constexpr double kPi = std::numbers::pi;
-
-class Uniform {
- public:
-  explicit Uniform(unsigned seed) : engine_(seed) {}
-  double operator()(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
-
- private:
-  std::mt19937 engine_;
-};
-
-// In front of the camera, tilted and turned.
-Isometry3d random_pose(Uniform& uniform, double distance, double max_tilt) {
-  const double turn = uniform(-kPi, kPi), direction = uniform(-kPi, kPi), tilt = uniform(0, max_tilt);
-  Isometry3d T = Isometry3d::Identity();
-  T.linear() = (Eigen::AngleAxisd(tilt, Vector3d(std::cos(direction), std::sin(direction), 0)) *
-                Eigen::AngleAxisd(kPi, Vector3d::UnitX()) * Eigen::AngleAxisd(turn, Vector3d::UnitZ()))
-                   .toRotationMatrix();
-  T.translation() = distance * Vector3d(uniform(-0.4, 0.4), uniform(-0.3, 0.3), 1);
-  return T;
-}
-
-}  // namespace
-
 TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth is known on every line of sight") {
-  Uniform uniform(12);
+  ::Random random(12);
   constexpr double kLength = 0.06, kFocalLength = 533, kReach_px = 2;
   LatticeMatcher matcher(make_code_marker(kLength, simulated::code()), kFocalLength);
   int on = 0, beside = 0, far = 0;
   for (int i = 0; i < 200; ++i) {
-    const Isometry3d T = random_pose(uniform, 0.4, 0.8);
+    const Isometry3d T = random_pose(random, 0.4, 0.8);
     if (!matcher.project(T) || !matcher.on_lattice()) continue;
     const Eigen::AlignedBox2d reach = matcher.reach(kPaperRim);
     for (int k = 0; k < 50; ++k) {
-      const Vector3d point(kLength * uniform(-1.5, 1.5), kLength * uniform(-1.5, 1.5), 0), seen = T * point;
+      const Vector3d point(kLength * random(-1.5, 1.5), kLength * random(-1.5, 1.5), 0), seen = T * point;
       if (!(seen.z() > 0)) continue;
       const Vector2d m = seen.head<2>() / seen.z();
       CHECK(nearness(matcher, m) == doctest::Approx(1 / seen.z()));
@@ -69,7 +43,7 @@ TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth
   REQUIRE(std::min({on, beside, far}) > 500);
   LatticeMatcher outline(make_square_marker(kLength), kFocalLength);
   Isometry3d facing = Isometry3d::Identity();
-  facing.linear() = Eigen::AngleAxisd(kPi, Vector3d::UnitX()).toRotationMatrix();
+  facing.linear() = Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitX()).toRotationMatrix();
   facing.translation() = Vector3d(0, 0, 0.4);
   REQUIRE(outline.project(facing));
   CHECK(on_paper(outline, {0.07, 0}));  // an outline's paper is its square, 0.075 to each side

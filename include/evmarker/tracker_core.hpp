@@ -1,7 +1,6 @@
 #pragma once
 // Floor 9. Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <concepts>
 #include <cstdint>
@@ -9,8 +8,6 @@
 #include <numeric>
 #include <ranges>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
