@@ -359,7 +359,7 @@ TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed ra
   }
   writer.close();
   const Result result = run(folder, "replay triggers.raw" + kOptions +
-                                        " --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
+                                        " --speed 0.25 --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
   REQUIRE_MESSAGE(result.code == 0, result.err);
   REQUIRE(next > 500000);
   CHECK(read_file(folder / "t.csv") == triggers);
