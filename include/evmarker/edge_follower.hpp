@@ -88,22 +88,19 @@ class EdgeFollower {
 
   /// Whether events are taken in groups at the present pose. Else one by one.
   bool in_groups() const noexcept { return in_groups_ && matcher_.on_lattice(); }
-  /// How many there should be in the next group: those after an update would have to be matched again.
-  std::size_t group_size() const noexcept {
-    const auto left = static_cast<std::size_t>(events_per_update_ - matched_);
-    return std::min(EventGroup::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
-  }
 
-  /// Takes many events, up to the first that leads to an update, faster than one by one, while `in_groups()`.
+  /// Takes events from number `first` on, up to one that leads to an update, faster than one by one, while
+  /// `in_groups()`.
   /// @param after is called with the number of each and its Result, and says whether to go on
-  /// @return how many were taken
+  /// @return the number of the first that was not taken
   template <typename After>
-  [[gnu::always_inline]] std::size_t push(const EventGroup& events, const After& after) noexcept {
+  [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first, const After& after) noexcept {
+    const std::size_t end = std::min(events.count(), first + matched_at_once());
     LatticeMatcher::Choices choices;
-    matcher_.choose(events, choices);
-    for (std::size_t i = 0; i < events.count(); ++i) {
+    matcher_.choose(events, first, end - first, choices);
+    for (std::size_t i = first; i < end; ++i) {
       LatticeMatcher::Choice choice;
-      const int stretch = choices.stretch[i];
+      const int stretch = choices.stretch[i - first];
       if (stretch >= 0) [[likely]]
         choice.edge = &matcher_.stretch(stretch);
       else if (stretch == LatticeMatcher::Choices::kFar)
@@ -114,7 +111,7 @@ class EdgeFollower {
       const bool go_on = after(i, result);
       if (result.updated || !go_on) return i + 1;
     }
-    return events.count();
+    return end;
   }
 
   /// Goes on from another pose, with what the rule has learned so far.
@@ -149,6 +146,12 @@ class EdgeFollower {
 
  private:
   static constexpr int kFewestInGroups = 4;
+
+  // How many events should be matched together: those after an update would have to be matched again.
+  std::size_t matched_at_once() const noexcept {
+    const auto left = static_cast<std::size_t>(events_per_update_ - matched_);
+    return std::min(LatticeMatcher::Choices::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
+  }
 
   // Whether the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
   // backwards in time it moves out of the dark and yet its events are the same. A wrong twist must not keep away the

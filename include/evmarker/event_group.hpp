@@ -8,12 +8,13 @@
 
 namespace evmarker {
 
-/// Some events by their lines of sight (x, y; 1) and times. Filled up to whole lanes with ones that mean nothing.
+/// Some events by their lines of sight (x, y; 1) and times, followed by ones that mean nothing: whole lanes may be read
+/// from any of them on.
 class EventGroup {
  public:
-  static constexpr std::size_t kMost = 4 * kLanes;
+  static constexpr std::size_t kMost = 8 * kLanes;
   template <typename Number>
-  using Numbers = std::array<Number, kMost>;
+  using Numbers = std::array<Number, kMost + kLanes>;
 
   // Not initialised: that would take as long as a fifth of the matching.
   EventGroup() noexcept {}
@@ -28,12 +29,10 @@ class EventGroup {
       y[i] = m.y();
       t[i] = time;
     }
-    for (std::size_t i = count; i < in_lanes(); ++i) x[i] = y[i] = 0;
+    for (std::size_t i = count; i < count + kLanes; ++i) x[i] = y[i] = 0;
   }
 
   std::size_t count() const noexcept { return count_; }
-  /// How many numbers there are in whole lanes.
-  std::size_t in_lanes() const noexcept { return (count_ + kLanes - 1) / kLanes * kLanes; }
 
   alignas(64) Numbers<double> x, y;
   Numbers<Timestamp> t;

@@ -12,7 +12,6 @@
 #include "evmarker/kalman_settings.hpp"
 #include "evmarker/pose_update.hpp"
 #include "evmarker/so3.hpp"
-#include "evmarker/symmetric.hpp"
 
 namespace evmarker {
 
@@ -49,11 +48,11 @@ class KalmanUpdate {
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
-    P_.pq.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad));
-    P_.oo = squared(settings.initial_sigma_offset_px);
-    P_.vv.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
+    P_.xx.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)),
+        Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
+    P_.oo = squared(settings.initial_sigma_offset_px);
   }
 
   /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
@@ -113,20 +112,21 @@ class KalmanUpdate {
     const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
     if (count > 0) average(count);
     t_us_ = static_cast<double>(t);
-    BlockError error;
-    error.p = predict(mean_dt);
+    ErrorState error;
+    error.x.head<6>() = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
     const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
-    const Vector6d twist = twist_ + error.v;
+    Vector6d step = error.x.head<6>();
+    const Vector6d twist = twist_ + error.x.tail<6>();
     const double lead_s = dt - mean_dt;
-    if (lead_s != 0) error.p += carried(lead_s) * twist;
-    if (!good || !(error.p.squaredNorm() + twist.squaredNorm() + squared(error.o) < kInfinity)) return false;
+    if (lead_s != 0) step += carried(lead_s) * twist;
+    if (!good || !(step.squaredNorm() + twist.squaredNorm() + squared(error.o) < kInfinity)) return false;
 
-    perturb(T_camera_marker, error.p);
+    perturb(T_camera_marker, step);
     twist_ = twist;
     lead_s_ = lead_s;
     offset_px_ += error.o;
@@ -146,17 +146,20 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;
     twist_ = -twist_;
-    P_.vq *= -1;
+    P_.xx.topRightCorner<6, 6>() *= -1;
+    P_.xx.bottomLeftCorner<6, 6>() *= -1;
+    P_.xo.tail<6>() *= -1;
   }
 
   /// Of the pose, as PoseEstimate says it.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = P_.pq.leftCols<6>();
+    Matrix6d P = P_.xx.topLeftCorner<6, 6>();
     if (lead_s_ != 0) {
       const Passage passed = passage(lead_s_);
       const Noise noise = this->noise(passed);
-      const Matrix6d P_vp = P_.vq.leftCols<6>(), P_pv = P_vp.transpose();
-      P += passed.carried * (P_pv + P_vp + passed.carried * P_.vv);
+      for (int k = 0; k < 6; ++k)
+        P.col(k) += passed.carried * (P_.xx.col(k).tail<6>() + P_.xx.col(6 + k).head<6>() +
+                                      passed.carried * P_.xx.col(6 + k).tail<6>());
       P.diagonal() += noise.along(noise.pose);
     }
     const double speed = this->speed(rotation_speed());
@@ -248,20 +251,9 @@ class KalmanUpdate {
     const Passage passed = passage(dt);
     const double carried = passed.carried, kept = 1 - passed.faded;
     const Noise noise = this->noise(passed);
-    // F P F^T with F = [I, carried I; 0, kept I] on pose and velocity.
-    const Matrix6d P_pv = P_.vq.leftCols<6>().transpose();
-    for (int k = 0; k < 6; ++k) {
-      const Vector6d P_vp_moved = P_.vq.col(k) + carried * P_.vv.col(k);
-      P_.pq.col(k) += carried * (P_pv.col(k) + P_vp_moved);
-      P_.vq.col(k) = kept * P_vp_moved;
-    }
-    P_.pq.col(6) += carried * P_.vq.col(6);
-    P_.vq.col(6) *= kept;
-    P_.vv *= kept * kept;
-
-    P_.pq.diagonal() += noise.along(noise.pose);
-    P_.vq.diagonal() += noise.along(std::copysign(noise.pose_velocity, carried));
-    P_.vv.diagonal() += noise.along(noise.velocity);
+    const Vector6d pose = noise.along(noise.pose), velocity = noise.along(noise.velocity),
+                   both = noise.along(std::copysign(noise.pose_velocity, carried));
+    in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits.value>(carried, kept, pose.data(), both.data(), velocity.data()); });
     P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - carried_before) * twist_;
     twist_ *= kept;
@@ -269,7 +261,7 @@ class KalmanUpdate {
   }
 
   Settings settings_;
-  BlockCovariance P_;
+  ErrorCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   double offset_px_ = 0;
   unsigned steps_ = 0;

@@ -14,18 +14,20 @@ namespace evmarker {
 
 /// The lines of a lattice that are nearest to each of some events: of both coordinates.
 struct LatticeLines {
-  using Numbers = std::array<double, EventGroup::kMost>;
+  static constexpr std::size_t kMost = 4 * kLanes;
+  using Numbers = std::array<double, kMost>;
   alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, squared distance
   alignas(64) std::array<Numbers, 2> place;  ///< of the foot: twice its cell; around a lattice point, once each of both
   alignas(64) Numbers within;                ///< 1 if the event is so near to the marker, else 0
   alignas(64) Numbers exists;                ///< 1 if both feet are before the horizon, else 0
 };
 
-/// What `ProjectedLattice` says of each event.
+/// What `ProjectedLattice` says of some of the events: of `count` from `first` on.
 /// @param fringe cells around the marker that still count as within
 /// @param margin of a cell that counts as around a lattice point
 [[gnu::always_inline]] inline void nearest_lines(const ProjectedLattice& lattice, double fringe, double margin,
-                                                 const EventGroup& events, LatticeLines& lines) noexcept {
+                                                 const EventGroup& events, std::size_t first, std::size_t count,
+                                                 LatticeLines& lines) noexcept {
   constexpr double kRounding = ProjectedLattice::kRounding;
   // Copies: the compiler cannot know that the results are not written over the originals.
   const double cells = lattice.cells(), centre = cells / 2, reach = centre + fringe;
@@ -33,9 +35,10 @@ struct LatticeLines {
   const double w_x = lattice.row_w().x(), w_y = lattice.row_w().y(), w_z = lattice.row_w().z();
   const double x_x = lattice.rows()(0, 0), x_y = lattice.rows()(0, 1), x_z = lattice.rows()(0, 2);
   const double y_x = lattice.rows()(1, 0), y_y = lattice.rows()(1, 1), y_z = lattice.rows()(1, 2);
-  for (std::size_t from = 0; from < events.count(); from += kLanes)
+  const double *const event_x = &events.x[first], *const event_y = &events.y[first];
+  for (std::size_t from = 0; from < count; from += kLanes)
     for (std::size_t i = from; i < from + kLanes; ++i) {
-      const double x = events.x[i], y = events.y[i];
+      const double x = event_x[i], y = event_y[i];
       const double a_x = x_x * x + x_y * y + x_z, a_y = y_x * x + y_y * y + y_z, w = w_x * x + w_y * y + w_z;
       const double from_centre = larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
       lines.within[i] = from_centre < reach * w ? 1 : 0;

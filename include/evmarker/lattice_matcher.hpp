@@ -87,18 +87,19 @@ class LatticeMatcher {
   /// For each of many events the number of the stretch that it matches, or one of these.
   struct Choices {
     static constexpr int kUnsure = -1, kFar = -2;  ///< ask `choose` again; far from everything
-    alignas(64) std::array<int, EventGroup::kMost> stretch;
+    static constexpr std::size_t kMost = LatticeLines::kMost;
+    alignas(64) std::array<int, kMost> stretch;
   };
 
-  /// The same for many events, faster.
-  void choose(const EventGroup& events, Choices& choices) const noexcept {
+  /// The same for many events, faster: for `count` from `first` on.
+  void choose(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
     LatticeLines lines;
     const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
     const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
     const Stretch* const stretches = lattice_->stretches();
     in_wide_vectors([&]() __attribute__((always_inline)) {
-      nearest_lines(projected_, fringe_, end_margin_cells_, events, lines);
-      for (std::size_t from = 0; from < events.count(); from += kLanes)
+      nearest_lines(projected_, fringe_, end_margin_cells_, events, first, count, lines);
+      for (std::size_t from = 0; from < count; from += kLanes)
         for (std::size_t i = from; i < from + kLanes; ++i) {
           const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
           const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);

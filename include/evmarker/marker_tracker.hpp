@@ -100,17 +100,20 @@ class MarkerTracker {
         continue;
       }
       EventGroup group;
-      group.fill(std::min(events.size(), follower_.group_size()), [&](std::size_t i) {
+      group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
         const Event event = to_event(events[i]);
         const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
         return std::pair(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t);
       });
-      const PoseEstimate* pose = nullptr;
-      const std::size_t taken = follower_.push(group, [&](std::size_t i, const auto& result) {
-        pose = note(to_event(events[i]), result);
-        return pose == nullptr;
-      });
-      if (pose) use(*pose);
+      std::size_t taken = 0;
+      while (taken < group.count() && follower_.in_groups() && pose_.quality.state != TrackingState::lost) {
+        const PoseEstimate* pose = nullptr;
+        taken = follower_.push(group, taken, [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
+          pose = note(to_event(events[i]), result);
+          return pose == nullptr;
+        });
+        if (pose) use(*pose);
+      }
       events = events.subspan(taken);
     }
   }

@@ -145,11 +145,13 @@ class Verification {
       std::size_t taken = 1;
       if (backward_.in_groups()) {
         EventGroup group;
-        group.fill(std::min(steps, backward_.group_size()), [&](std::size_t i) {
+        group.fill(std::min(steps, EventGroup::kMost), [&](std::size_t i) {
           const Event& event = past_[steps_left_ - 1 - i];
           return std::pair(lines(event), mirrored(event.t));
         });
-        taken = backward_.push(group, [](auto...) { return true; });
+        taken = 0;
+        while (taken < group.count() && backward_.in_groups())
+          taken = backward_.push(group, taken, [](auto...) { return true; });
       } else {
         const Event& event = past_[steps_left_ - 1];
         backward_.push(lines(event), mirrored(event.t), event.p > 0);

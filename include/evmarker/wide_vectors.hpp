@@ -1,6 +1,9 @@
 #pragma once
 // Floor 0. Loops in the widest vectors that the processor has, in programs compiled for any.
 
+#include <cstddef>
+#include <type_traits>
+
 namespace evmarker {
 
 // Known of GCC alone; others make vectors of what they are told to compile for.
@@ -42,7 +45,22 @@ template <typename Loops>
     loops();
 }
 
+template <typename Work>
+[[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
+  if (detail::kVectorBits == 512)
+    detail::in_512_bits([&]() __attribute__((always_inline)) { work(std::integral_constant<std::size_t, 256>()); });
+  else if (detail::kVectorBits == 256)
+    detail::in_256_bits([&]() __attribute__((always_inline)) { work(std::integral_constant<std::size_t, 256>()); });
+  else
+    work(std::integral_constant<std::size_t, 128>());
+}
+
 #else
+
+template <typename Work>
+void in_packs(const Work& work) noexcept {
+  work(std::integral_constant<std::size_t, 128>());
+}
 
 template <typename Loops>
 void in_wide_vectors(const Loops& loops) noexcept {

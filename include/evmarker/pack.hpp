@@ -1,0 +1,93 @@
+#pragma once
+// Floor 0. A few numbers in vector registers, for what is too irregular for the compiler to make vectors of loops.
+#include <array>
+#include <cstddef>
+#include <cstring>
+
+namespace evmarker {
+
+namespace detail {
+
+// Attributes that depend on a template's parameters are lost.
+template <std::size_t kBits>
+struct VectorOf;
+template <>
+struct VectorOf<64> {
+  using Type [[gnu::vector_size(8)]] = double;
+  using InMemory [[gnu::vector_size(8), gnu::aligned(8), gnu::may_alias]] = double;
+};
+template <>
+struct VectorOf<128> {
+  using Type [[gnu::vector_size(16)]] = double;
+  using InMemory [[gnu::vector_size(16), gnu::aligned(8), gnu::may_alias]] = double;
+};
+template <>
+struct VectorOf<256> {
+  using Type [[gnu::vector_size(32)]] = double;
+  using InMemory [[gnu::vector_size(32), gnu::aligned(8), gnu::may_alias]] = double;
+};
+
+}  // namespace detail
+
+/// So many numbers in vectors of so many bits. Passed by reference only: by value, vectors need an ABI of their own.
+template <std::size_t kNumbers, std::size_t kBits>
+class Pack {
+ public:
+  [[gnu::always_inline]] Pack() noexcept : parts_{} {}
+  [[gnu::always_inline]] explicit Pack(const double* numbers) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] = *reinterpret_cast<const InMemory*>(numbers + kPart * i);
+  }
+  [[gnu::always_inline]] void store(double* numbers) const noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) *reinterpret_cast<InMemory*>(numbers + kPart * i) = parts_[i];
+  }
+
+  [[gnu::always_inline]] double operator[](std::size_t i) const noexcept { return parts_[i / kPart][i % kPart]; }
+
+  [[gnu::always_inline]] Pack& operator+=(const Pack& other) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] += other.parts_[i];
+    return *this;
+  }
+  [[gnu::always_inline]] Pack& operator*=(double factor) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] *= factor;
+    return *this;
+  }
+  /// Adds, or takes away, so many times the other.
+  [[gnu::always_inline]] void add(double times, const Pack& other) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] += times * other.parts_[i];
+  }
+  [[gnu::always_inline]] void take(double times, const Pack& other) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] -= times * other.parts_[i];
+  }
+  [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
+    Part at{};
+    at[i % kPart] = 1;
+    parts_[i / kPart] += number * at;
+  }
+
+  /// The second half, followed by zeros.
+  [[gnu::always_inline]] Pack second_half() const noexcept {
+    Pack result;
+    if constexpr (kParts % 2 == 0) {
+      for (std::size_t i = 0; i < kParts / 2; ++i) result.parts_[i] = parts_[kParts / 2 + i];
+    } else {
+      static_assert(kParts == 3 && kPart == 4);
+      result.parts_[0] = __builtin_shufflevector(parts_[1], parts_[2], 2, 3, 4, 5);
+      result.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);
+    }
+    return result;
+  }
+  [[gnu::always_inline]] void scale_second_half(double factor) noexcept {
+    for (std::size_t i = (kParts + 1) / 2; i < kParts; ++i) parts_[i] *= factor;
+    if constexpr (kParts % 2 == 1) parts_[kParts / 2] *= Part{1, 1, factor, factor};
+  }
+
+ private:
+  static constexpr std::size_t kPart = kBits / 64, kParts = kNumbers / kPart;
+  static_assert(kParts * kPart == kNumbers);
+  using Part = typename detail::VectorOf<kBits>::Type;
+  using InMemory = typename detail::VectorOf<kBits>::InMemory;
+
+  std::array<Part, kParts> parts_;
+};
+
+}  // namespace evmarker
