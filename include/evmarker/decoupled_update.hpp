@@ -86,7 +86,7 @@ class DecoupledUpdate {
   /// The same for up to eight events: those before them fade, and they by those after them.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const std::size_t n = c.count;
-    const double kept = kept_[n], T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
+    const double kept = summing_ ? kept_[n] : 0, T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
                  T_z = T_camera_marker.translation().z();
     alignas(64) Lanes weights;
     for (std::size_t i = 0; i < kLanes; ++i) weights[i] = weights_[kLanes - n + i];
@@ -112,11 +112,12 @@ class DecoupledUpdate {
       average(11, lever_z * pull_x - lever_x * pull_z);
       average(12, lever_x * pull_y - lever_y * pull_x);
     }
-    faded_ *= kept;
+    faded_ *= kept_[n];
+    summing_ = true;
   }
 
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
-    if (faded_ != 1) add_sums();
+    if (summing_) add_sums();
     // A x = B by Cramer's rule, the six elements of A = I - mean L by hand: as matrices they would go through memory.
     const double xx = 1 - L_[0], xy = -L_[1], yy = 1 - L_[2], xz = -L_[3], yz = -L_[4], zz = 1 - L_[5];
     const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
@@ -158,7 +159,7 @@ class DecoupledUpdate {
 
   void forget_sums() noexcept {
     faded_ = 1;
-    for (Lanes& lanes : sums_) lanes.fill(0);
+    summing_ = false;
   }
 
   Settings settings_;
@@ -170,6 +171,7 @@ class DecoupledUpdate {
   double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
   Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
   alignas(64) std::array<Lanes, 13> sums_{};  // what the averages gain by the events since the last update
+  bool summing_ = false;                      // else there are none, and the numbers mean nothing
   double faded_ = 1;                          // what they keep of what they were before
   std::array<double, kLanes + 1> kept_{};     // by so many events
   std::array<double, 2 * kLanes> weights_{};  // of eight events one after the other, and of none

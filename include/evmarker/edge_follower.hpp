@@ -47,7 +47,9 @@ class EdgeFollower {
         matcher_(std::move(model), focal_length, settings.matching),
         rule_(settings.update, settings.events_per_update),
         T_camera_marker_(T_camera_marker),
-        in_groups_(GroupUpdateRule<Rule> && settings.events_per_update >= kFewestInGroups && !settings.polarity_check),
+        added_together_(GroupUpdateRule<Rule> && settings.events_per_update >= kFewestTogether &&
+                        !settings.polarity_check),
+        moves_at_most_(std::max(1, kOldestChoice / std::max(1, settings.events_per_update))),
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
@@ -71,34 +73,25 @@ class EdgeFollower {
   // be done. A quarter of the time.
   [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
                                      std::optional<bool> on = std::nullopt) noexcept {
-    if (in_groups()) return take_one(m, t);
-    Correspondence correspondence;
-    const MatchResult match = matcher_.match(m, correspondence);
-    if (match == MatchResult::far) return {match, false};
-    ++offered_;
-    if (match != MatchResult::matched) return {match, false};
-    if constexpr (MotionEstimatingRule<Rule>)
-      if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting, false};
-    correspondence.t = t;
-    rule_.add(correspondence, T_camera_marker_);
-    squared_px_ += correspondence.squared_px;
-    if (++matched_ < events_per_update_) return {match, false, correspondence.segment};
-    return {match, update(t), correspondence.segment};
+    if (!matcher_.on_lattice()) [[unlikely]]
+      return search(m, t, on);
+    return take(m, t, on, matcher_.choose(m));
   }
 
   /// Whether events are taken in groups at the present pose. Else one by one.
-  bool in_groups() const noexcept { return in_groups_ && matcher_.on_lattice(); }
+  bool in_groups() const noexcept { return matcher_.on_lattice() && !polarity_check_; }
 
-  /// Takes events from number `first` on, up to one that leads to an update, faster than one by one, while
-  /// `in_groups()`.
+  /// Takes events from number `first` on, faster than one by one, while `in_groups()`.
   /// @param after is called with the number of each and its Result, and says whether to go on
   /// @return the number of the first that was not taken
   template <typename After>
-  [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first, const After& after) noexcept {
+  [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
+                                          const After& after) noexcept(noexcept(after(first, Result()))) {
     const std::size_t end = std::min(events.count(), first + matched_at_once());
     LatticeMatcher::Choices choices;
     matcher_.choose(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
+      const Eigen::Vector2d m(events.x[i], events.y[i]);
       LatticeMatcher::Choice choice;
       const int stretch = choices.stretch[i - first];
       if (stretch >= 0) [[likely]]
@@ -106,10 +99,10 @@ class EdgeFollower {
       else if (stretch == LatticeMatcher::Choices::kFar)
         choice.result = MatchResult::far;
       else
-        choice = matcher_.choose(Eigen::Vector2d(events.x[i], events.y[i]));
-      const Result result = take(events.x[i], events.y[i], events.t[i], choice);
+        choice = matcher_.choose(m);
+      const Result result = take(m, events.t[i], std::nullopt, choice);
       const bool go_on = after(i, result);
-      if (result.updated || !go_on) return i + 1;
+      if (!go_on || (result.updated && moves_ == 0)) return i + 1;
     }
     return end;
   }
@@ -118,6 +111,7 @@ class EdgeFollower {
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
+    moves_ = 0;
     start_collecting();
   }
 
@@ -145,11 +139,15 @@ class EdgeFollower {
   int skipped_updates() const noexcept { return skipped_updates_; }
 
  private:
-  static constexpr int kFewestInGroups = 4;
+  static constexpr int kFewestTogether = 4;
+  // Matched events for which a pose says which edges the next ones belong to: so few move the marker by a small
+  // fraction of a pixel, however fast it is.
+  static constexpr int kOldestChoice = 32;
 
-  // How many events should be matched together: those after an update would have to be matched again.
+  // How many events should be matched together: those after the last update at which the choices hold would have to be
+  // matched again.
   std::size_t matched_at_once() const noexcept {
-    const auto left = static_cast<std::size_t>(events_per_update_ - matched_);
+    const auto left = static_cast<std::size_t>((moves_at_most_ - moves_) * events_per_update_ - matched_);
     return std::min(LatticeMatcher::Choices::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
   }
 
@@ -172,19 +170,43 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  // Remembers a matched event until eight are to be added to the rule, or the last before an update.
-  [[gnu::always_inline]] Result take(double x, double y, Timestamp t, const LatticeMatcher::Choice& choice) noexcept {
+  // What becomes of an event that has been matched on the lattice.
+  [[gnu::always_inline]] Result take(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on,
+                                     const LatticeMatcher::Choice& choice) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
-    ++offered_;
-    if (choice.result != MatchResult::matched) return {choice.result};
-    waiting_.set(waiting_.count++, x, y, t, *choice.edge);
-    const bool enough = ++matched_ == events_per_update_;
-    if (waiting_.count == kLanes || enough) add_waiting();
-    return {choice.result, enough && update(t), choice.edge->segment};
+    if (choice.result != MatchResult::matched) {
+      ++offered_;
+      return {choice.result};
+    }
+    if (added_together_) {
+      ++offered_;
+      waiting_.set(waiting_.count++, m.x(), m.y(), t, *choice.edge);
+      const bool enough = ++matched_ == events_per_update_;
+      if (waiting_.count == kLanes || enough) add_waiting();
+      return {choice.result, enough && update(t), choice.edge->segment};
+    }
+    Correspondence correspondence;
+    return take(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, on);
   }
 
-  [[gnu::noinline]] Result take_one(const Eigen::Vector2d& m, Timestamp t) noexcept {
-    return take(m.x(), m.y(), t, matcher_.choose(m));
+  [[gnu::always_inline]] Result take(MatchResult match, Correspondence& correspondence, Timestamp t,
+                                     std::optional<bool> on) noexcept {
+    if (match == MatchResult::far) return {match};
+    ++offered_;
+    if (match != MatchResult::matched) return {match};
+    if constexpr (MotionEstimatingRule<Rule>)
+      if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting};
+    correspondence.t = t;
+    rule_.add(correspondence, T_camera_marker_);
+    squared_px_ += correspondence.squared_px;
+    const bool enough = ++matched_ == events_per_update_;
+    return {match, enough && update(t), correspondence.segment};
+  }
+
+  // Off the lattice.
+  [[gnu::noinline]] Result search(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on) noexcept {
+    Correspondence correspondence;
+    return take(matcher_.match(m, correspondence), correspondence, t, on);
   }
 
   [[gnu::noinline]] void add_waiting() noexcept {
@@ -208,7 +230,9 @@ class EdgeFollower {
       ++skipped_updates_;
       return false;
     }
-    in_front_ = matcher_.project(T_camera_marker_);
+    const bool choose_anew = ++moves_ >= moves_at_most_;
+    in_front_ = choose_anew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_);
+    if (choose_anew || !matcher_.on_lattice()) moves_ = 0;
     expect_motion();
     return true;
   }
@@ -228,7 +252,8 @@ class EdgeFollower {
   double squared_px_ = 0;
   LatticeMatches waiting_;
   UpdateStatistics last_update_;
-  bool in_groups_;
+  bool added_together_;
+  int moves_at_most_, moves_ = 0;  // updates since edges were chosen at a new pose
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 1. The error state of the Kalman filter and its covariance.
+// Floor 1. The error state of a Kalman filter, its covariance, and what time makes of it.
 #include <Eigen/Core>
 #include <cstddef>
 
@@ -16,39 +16,40 @@ struct ErrorState {
   double o = 0;
 };
 
-template <std::size_t kBits>
-using StatePack = Pack<12, kBits>;
-
-/// Its covariance. Columns of twelve are whole vectors, whatever their width.
+/// Its covariance. Columns of twelve are whole vectors of any width; columns of thirteen would not be.
 struct ErrorCovariance {
   alignas(32) Matrix12d xx = Matrix12d::Zero();
   alignas(32) Vector12d xo = Vector12d::Zero();
   double oo = 0;
 
-  /// What time makes of it: the pose moves by `carried` times the velocity, of which `kept` is left.
-  /// @param pose_noise, both_noise, velocity_noise what is added to the diagonals of its quarters
+  /// Lets time pass in which the pose moves by `carried` times the velocity, of which `kept` is left.
+  /// @param of_pose,of_both,of_velocity process noise: on the diagonals of the pose's, both mixed and the velocity's
+  ///     quarter of xx
   template <std::size_t kBits>
-  [[gnu::always_inline]] void predict(double carried, double kept, const double* pose_noise, const double* both_noise,
-                                      const double* velocity_noise) noexcept {
-    // F P F^T with F = [I, carried I; 0, kept I], column by column.
+  [[gnu::always_inline]] void predict(double carried, double kept, const Eigen::Matrix<double, 6, 1>& of_pose,
+                                      const Eigen::Matrix<double, 6, 1>& of_both,
+                                      const Eigen::Matrix<double, 6, 1>& of_velocity) noexcept {
+    using Column = Pack<12, kBits>;
+    // F P F^T with F = [I, carried I; 0, kept I].
     const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
-      StatePack<kBits> column(numbers), velocity = column.second_half();
+      Column column(numbers);
+      const Column velocity = column.second_half();
       column.scale_second_half(kept);
       column.add(carried, velocity);
       return column;
     };
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < 6; ++k) {
-      double *const pose = xx.data() + 12 * k, *const velocity = xx.data() + 12 * (6 + k);
-      StatePack<kBits> of_velocity = moved(velocity), of_pose = moved(pose);
-      of_pose.add(carried, of_velocity);
-      of_velocity *= kept;
-      of_pose.add_at(k, pose_noise[k]);
-      of_pose.add_at(6 + k, both_noise[k]);
-      of_velocity.add_at(k, both_noise[k]);
-      of_velocity.add_at(6 + k, velocity_noise[k]);
-      of_pose.store(pose);
-      of_velocity.store(velocity);
+      const auto i = static_cast<Eigen::Index>(k);
+      Column pose = moved(&xx(0, i)), velocity = moved(&xx(0, 6 + i));
+      pose.add(carried, velocity);
+      velocity.scale(kept);
+      pose.add_at(k, of_pose(i));
+      pose.add_at(6 + k, of_both(i));
+      velocity.add_at(k, of_both(i));
+      velocity.add_at(6 + k, of_velocity(i));
+      pose.store(&xx(0, i));
+      velocity.store(&xx(0, 6 + i));
     }
     moved(xo.data()).store(xo.data());
   }

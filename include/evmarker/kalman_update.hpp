@@ -12,6 +12,7 @@
 #include "evmarker/kalman_settings.hpp"
 #include "evmarker/pose_update.hpp"
 #include "evmarker/so3.hpp"
+#include "evmarker/wide_vectors.hpp"
 
 namespace evmarker {
 
@@ -158,8 +159,8 @@ class KalmanUpdate {
       const Passage passed = passage(lead_s_);
       const Noise noise = this->noise(passed);
       for (int k = 0; k < 6; ++k)
-        P.col(k) += passed.carried * (P_.xx.col(k).tail<6>() + P_.xx.col(6 + k).head<6>() +
-                                      passed.carried * P_.xx.col(6 + k).tail<6>());
+        P.col(k) += passed.carried *
+                    (P_.xx.col(k).tail<6>() + P_.xx.col(6 + k).head<6>() + passed.carried * P_.xx.col(6 + k).tail<6>());
       P.diagonal() += noise.along(noise.pose);
     }
     const double speed = this->speed(rotation_speed());
@@ -251,9 +252,10 @@ class KalmanUpdate {
     const Passage passed = passage(dt);
     const double carried = passed.carried, kept = 1 - passed.faded;
     const Noise noise = this->noise(passed);
-    const Vector6d pose = noise.along(noise.pose), velocity = noise.along(noise.velocity),
-                   both = noise.along(std::copysign(noise.pose_velocity, carried));
-    in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits.value>(carried, kept, pose.data(), both.data(), velocity.data()); });
+    const Vector6d of_pose = noise.along(noise.pose), of_velocity = noise.along(noise.velocity),
+                   of_both = noise.along(std::copysign(noise.pose_velocity, carried));
+    in_packs([&](auto bits)
+                 __attribute__((always_inline)) { P_.predict<bits>(carried, kept, of_pose, of_both, of_velocity); });
     P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - carried_before) * twist_;
     twist_ *= kept;

@@ -48,23 +48,24 @@ class LatticeMatcher {
 
   /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    on_lattice_ = lattice_ && projected_.project(T_camera_marker, near_reach_) && fits();
+    on_lattice_ = lattice_ && projected_.project(T_camera_marker) && fits();
+    if (on_lattice_) lookup_ = projected_;
     return on_lattice_ || segments_.project(T_camera_marker);
+  }
+
+  /// Takes a pose that is a small step from the last one: events that match an edge still match it, where that is now.
+  bool move(const Eigen::Isometry3d& T_camera_marker) noexcept {
+    if (on_lattice_ && projected_.project(T_camera_marker)) [[likely]]
+      return true;
+    return project(T_camera_marker);
   }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     if (!on_lattice_) [[unlikely]]
       return search(m, correspondence);
-    const Sight sight = projected_.sight(m);
-    if (!projected_.within(fringe_, sight)) return MatchResult::far;
-    const Lines lines = projected_.nearest_lines(sight);
-    Choice choice;
-    if (!choose(lines, choice)) [[unlikely]] {
-      choice = choose_carefully(sight, lines);
-      if (choice.result != MatchResult::matched) return choice.result;
-    }
-    return correspond(lines, choice, m, correspondence);
+    const Choice choice = choose(m);
+    return choice.result == MatchResult::matched ? correspond(*choice.edge, m, correspondence) : choice.result;
   }
 
   /// What an event matches on the lattice, and where.
@@ -75,9 +76,9 @@ class LatticeMatcher {
 
   /// The same without what it means in space, while `on_lattice()`.
   [[gnu::always_inline]] Choice choose(const Eigen::Vector2d& m) const noexcept {
-    const Sight sight = projected_.sight(m);
-    if (!projected_.within(fringe_, sight)) return {MatchResult::far};
-    const Lines lines = projected_.nearest_lines(sight);
+    const Sight sight = lookup_.sight(m);
+    if (!lookup_.within(fringe_, sight)) return {MatchResult::far};
+    const Lines lines = lookup_.nearest_lines(sight);
     Choice choice;
     if (choose(lines, choice)) [[likely]]
       return choice;
@@ -98,7 +99,7 @@ class LatticeMatcher {
     const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
     const Stretch* const stretches = lattice_->stretches();
     in_wide_vectors([&]() __attribute__((always_inline)) {
-      nearest_lines(projected_, fringe_, end_margin_cells_, events, first, count, lines);
+      nearest_lines(lookup_, fringe_, end_margin_cells_, events, first, count, lines);
       for (std::size_t from = 0; from < count; from += kLanes)
         for (std::size_t i = from; i < from + kLanes; ++i) {
           const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
@@ -116,6 +117,32 @@ class LatticeMatcher {
     });
   }
 
+  /// What it means in space that an event matches an edge, at the present pose.
+  [[gnu::always_inline]] MatchResult correspond(const CellLattice::Stretch& edge, const Eigen::Vector2d& m,
+                                                Correspondence& c) const noexcept {
+    const auto [E, F, exists] = projected_.nearest_points(edge.coordinate, edge.line, edge.begin, edge.end, m);
+    if (!exists) return MatchResult::near;  // the edge points at the camera: no constraint
+    const Eigen::Index i = edge.coordinate;
+    const auto& rows = projected_.rows();
+    const auto& row_w = projected_.row_w();
+    const double n_x = rows(i, 0) - edge.line * row_w.x(), n_y = rows(i, 1) - edge.line * row_w.y(),
+                 n_z = rows(i, 2) - edge.line * row_w.z();
+    const double toward_dark = edge.dark / std::sqrt(n_x * n_x + n_y * n_y);
+    const double distance = n_x * m.x() + n_y * m.y() + n_z;
+    c.segment = edge.segment;
+    c.distance_px = focal_length_ * toward_dark * distance;  // Eq. (1)
+    c.squared_px = c.distance_px * c.distance_px;
+    c.normal = {toward_dark * n_x, toward_dark * n_y};
+    c.dark_side_known = true;
+    c.M = {m.x(), m.y(), 1};
+    c.E = E;
+    c.F = F;
+    const double inverse_z = 1 / E.z(), scale = focal_length_ * inverse_z;
+    c.gradient = {scale * c.normal.x(), scale * c.normal.y(),
+                  -scale * inverse_z * (c.normal.x() * E.x() + c.normal.y() * E.y())};
+    return MatchResult::matched;
+  }
+
   const CellLattice::Stretch& stretch(int number) const noexcept { return lattice_->stretches()[number]; }
   const ProjectedLattice& projected() const noexcept { return projected_; }
 
@@ -125,9 +152,9 @@ class LatticeMatcher {
     if (!on_lattice_) return segments_.reach();
     const double fringe = std::max(fringe_, around);
     Eigen::AlignedBox2d box;
-    for (const double x : {-fringe, projected_.cells() + fringe})
-      for (const double y : {-fringe, projected_.cells() + fringe}) {
-        const Eigen::Vector3d P = projected_.point(x, y);
+    for (const double x : {-fringe, lookup_.cells() + fringe})
+      for (const double y : {-fringe, lookup_.cells() + fringe}) {
+        const Eigen::Vector3d P = lookup_.point(x, y);
         if (!(P.z() > 0)) return everywhere();
         box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
       }
@@ -162,7 +189,7 @@ class LatticeMatcher {
   [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
     if (!(lines.foot_w.minCoeff() > 0)) [[unlikely]]
       return false;  // beyond the horizon
-    const Eigen::Array2d foot = (lines.foot_a / lines.foot_w).max(-0.5).min(projected_.cells() + 0.5);
+    const Eigen::Array2d foot = (lines.foot_a / lines.foot_w).max(-0.5).min(lookup_.cells() + 0.5);
     // In a cell, both of these are its number; around a lattice point, they differ by one.
     const Eigen::Array2d number = (foot - before_) + ProjectedLattice::kRounding;
     const Eigen::Array2d other_number = (foot - behind_) + ProjectedLattice::kRounding;
@@ -207,7 +234,7 @@ class LatticeMatcher {
 
   Place place_on(const Line& line) const noexcept {
     if (!(line.foot_w > 0)) return {};  // beyond the horizon
-    const double foot = std::min(std::max(-0.5, line.foot_a / line.foot_w), projected_.cells() + 0.5);
+    const double foot = std::min(std::max(-0.5, line.foot_a / line.foot_w), lookup_.cells() + 0.5);
     const int cell = static_cast<int>(foot + 1) - 1;
     const double past_point = foot - cell;
     if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
@@ -221,7 +248,7 @@ class LatticeMatcher {
     const Stretch& behind = lattice_->stretch(line.coordinate, static_cast<int>(line.k), point);
     if (before.segment == behind.segment) return {on(behind), false};
     const double beyond = line.foot_a - point * line.foot_w;
-    if (!(std::abs(beyond) <= projected_.at_point(line, point, end_margin_)))
+    if (!(std::abs(beyond) <= lookup_.at_point(line, point, end_margin_)))
       return {on(beyond < 0 ? before : behind), false};
     return {on(before) ? on(before) : on(behind), on(before) && on(behind)};
   }
@@ -232,40 +259,20 @@ class LatticeMatcher {
   [[gnu::noinline]] MatchResult near_or_far(const Sight& sight) const noexcept {
     for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
-      const double to = std::min(projected_.cells(), sight.a(coordinate) / sight.w + fringe_);
+      const double to = std::min(lookup_.cells(), sight.a(coordinate) / sight.w + fringe_);
       for (double k = from; k <= to; ++k) {
-        const Line line = projected_.line(coordinate, k, sight);
+        const Line line = lookup_.line(coordinate, k, sight);
         if (line.squared < 9 * limit2_ && place_on(line).edge) return MatchResult::near;
       }
     }
     return MatchResult::far;
   }
 
-  [[gnu::always_inline]] MatchResult correspond(const Lines& lines, const Choice& choice, const Eigen::Vector2d& m,
-                                                Correspondence& c) const noexcept {
-    const Eigen::Index i = choice.edge->coordinate;
-    const auto [E, F, exists] = projected_.nearest_points(lines, i, choice.edge->begin, choice.edge->end, m);
-    if (!exists) return MatchResult::near;  // the edge points at the camera: no constraint
-    const Eigen::Array2d by_norm = lines.norm2.sqrt().inverse();
-    const double toward_dark = choice.edge->dark * by_norm(i);
-    c.segment = choice.edge->segment;
-    c.distance_px = focal_length_ * toward_dark * lines.e(i);  // Eq. (1)
-    c.squared_px = focal_length_ * focal_length_ * lines.squared(i);
-    c.normal = {toward_dark * lines.normal_x(i), toward_dark * lines.normal_y(i)};
-    c.dark_side_known = true;
-    c.M = {m.x(), m.y(), 1};
-    c.E = E;
-    c.F = F;
-    const Eigen::Vector2d& n = c.normal;
-    const double inverse_z = 1 / E.z(), scale = focal_length_ * inverse_z;
-    c.gradient = {scale * n.x(), scale * n.y(), -scale * inverse_z * (n.x() * E.x() + n.y() * E.y())};
-    return MatchResult::matched;
-  }
-
   // Whether two lines are enough for an event.
   bool fits() noexcept {
-    if (projected_.rate() == rate_) return fits_;
-    rate_ = projected_.rate();
+    const double rate = projected_.bound_rate(near_reach_);
+    if (rate == rate_) return fits_;
+    rate_ = rate;
     fringe_ = rate_ * near_reach_;
     end_margin_cells_ = rate_ * end_margin_ + 1e-9;  // so that rounding cannot miss an end
     before_.setConstant(0.5 - end_margin_cells_);
@@ -277,7 +284,8 @@ class LatticeMatcher {
 
   SegmentMatcher segments_;
   std::optional<CellLattice> lattice_;
-  ProjectedLattice projected_;
+  ProjectedLattice projected_;  // at the present pose: where edges are
+  ProjectedLattice lookup_;     // at that of the last `project`: which edge an event belongs to
   double focal_length_;
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near

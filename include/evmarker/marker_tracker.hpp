@@ -107,12 +107,12 @@ class MarkerTracker {
       });
       std::size_t taken = 0;
       while (taken < group.count() && follower_.in_groups() && pose_.quality.state != TrackingState::lost) {
-        const PoseEstimate* pose = nullptr;
-        taken = follower_.push(group, taken, [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
-          pose = note(to_event(events[i]), result);
-          return pose == nullptr;
-        });
-        if (pose) use(*pose);
+        taken = follower_.push(
+            group, taken, [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
+              const PoseEstimate* const pose = note(to_event(events[i]), result);
+              if (pose) use(*pose);
+              return pose_.quality.state != TrackingState::lost;
+            });
       }
       events = events.subspan(taken);
     }

@@ -1,35 +1,34 @@
 #pragma once
-// Floor 0. A few numbers in vector registers, for what is too irregular for the compiler to make vectors of loops.
+// Floor 0. A few numbers in vector registers, where loops are too short for the compiler to make vectors of them.
 #include <array>
 #include <cstddef>
-#include <cstring>
 
 namespace evmarker {
 
 namespace detail {
 
-// Attributes that depend on a template's parameters are lost.
+// As members of Pack, these attributes would depend on its parameters, and be lost.
 template <std::size_t kBits>
-struct VectorOf;
+struct Vector;
 template <>
-struct VectorOf<64> {
-  using Type [[gnu::vector_size(8)]] = double;
+struct Vector<64> {
+  using InRegister [[gnu::vector_size(8)]] = double;
   using InMemory [[gnu::vector_size(8), gnu::aligned(8), gnu::may_alias]] = double;
 };
 template <>
-struct VectorOf<128> {
-  using Type [[gnu::vector_size(16)]] = double;
+struct Vector<128> {
+  using InRegister [[gnu::vector_size(16)]] = double;
   using InMemory [[gnu::vector_size(16), gnu::aligned(8), gnu::may_alias]] = double;
 };
 template <>
-struct VectorOf<256> {
-  using Type [[gnu::vector_size(32)]] = double;
+struct Vector<256> {
+  using InRegister [[gnu::vector_size(32)]] = double;
   using InMemory [[gnu::vector_size(32), gnu::aligned(8), gnu::may_alias]] = double;
 };
 
 }  // namespace detail
 
-/// So many numbers in vectors of so many bits. Passed by reference only: by value, vectors need an ABI of their own.
+/// So many numbers, all zero at first, in vectors of so many bits: see `in_packs`.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
  public:
@@ -43,19 +42,14 @@ class Pack {
 
   [[gnu::always_inline]] double operator[](std::size_t i) const noexcept { return parts_[i / kPart][i % kPart]; }
 
-  [[gnu::always_inline]] Pack& operator+=(const Pack& other) noexcept {
-    for (std::size_t i = 0; i < kParts; ++i) parts_[i] += other.parts_[i];
-    return *this;
+  [[gnu::always_inline]] void scale(double factor) noexcept {
+    for (Part& part : parts_) part *= factor;
   }
-  [[gnu::always_inline]] Pack& operator*=(double factor) noexcept {
-    for (std::size_t i = 0; i < kParts; ++i) parts_[i] *= factor;
-    return *this;
-  }
-  /// Adds, or takes away, so many times the other.
+  /// Adds, or subtracts, so many times the other.
   [[gnu::always_inline]] void add(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += times * other.parts_[i];
   }
-  [[gnu::always_inline]] void take(double times, const Pack& other) noexcept {
+  [[gnu::always_inline]] void subtract(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] -= times * other.parts_[i];
   }
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
@@ -66,26 +60,26 @@ class Pack {
 
   /// The second half, followed by zeros.
   [[gnu::always_inline]] Pack second_half() const noexcept {
-    Pack result;
+    Pack half;
     if constexpr (kParts % 2 == 0) {
-      for (std::size_t i = 0; i < kParts / 2; ++i) result.parts_[i] = parts_[kParts / 2 + i];
+      for (std::size_t i = 0; i < kParts / 2; ++i) half.parts_[i] = parts_[kParts / 2 + i];
     } else {
       static_assert(kParts == 3 && kPart == 4);
-      result.parts_[0] = __builtin_shufflevector(parts_[1], parts_[2], 2, 3, 4, 5);
-      result.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);
+      half.parts_[0] = __builtin_shufflevector(parts_[1], parts_[2], 2, 3, 4, 5);
+      half.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);
     }
-    return result;
+    return half;
   }
   [[gnu::always_inline]] void scale_second_half(double factor) noexcept {
     for (std::size_t i = (kParts + 1) / 2; i < kParts; ++i) parts_[i] *= factor;
-    if constexpr (kParts % 2 == 1) parts_[kParts / 2] *= Part{1, 1, factor, factor};
+    if constexpr (kParts % 2 != 0) parts_[kParts / 2] *= Part{1, 1, factor, factor};
   }
 
  private:
+  using Part = typename detail::Vector<kBits>::InRegister;
+  using InMemory = typename detail::Vector<kBits>::InMemory;
   static constexpr std::size_t kPart = kBits / 64, kParts = kNumbers / kPart;
   static_assert(kParts * kPart == kNumbers);
-  using Part = typename detail::VectorOf<kBits>::Type;
-  using InMemory = typename detail::VectorOf<kBits>::InMemory;
 
   std::array<Part, kParts> parts_;
 };

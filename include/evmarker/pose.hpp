@@ -1,5 +1,6 @@
 #pragma once
 // Floor 1. What a tracker tells: pose, covariance, twist and how far to trust it.
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <limits>
@@ -7,7 +8,6 @@
 
 #include "evmarker/event.hpp"
 #include "evmarker/so3.hpp"
-#include "evmarker/symmetric.hpp"
 
 namespace evmarker {
 
@@ -61,10 +61,9 @@ struct PoseEstimate {
 /// Inverse covariance, for those who fuse poses; zero where there is none, or none that is positive definite.
 inline Matrix6d information(const PoseEstimate& pose) noexcept {
   if (!pose.covariance) return Matrix6d::Zero();
-  Matrix6d inverse = *pose.covariance;
-  const bool positive = invert_lower(inverse);
-  mirror_lower(inverse);
-  return positive && inverse.allFinite() ? inverse : Matrix6d::Zero();
+  const Eigen::LLT<Matrix6d> root(*pose.covariance);
+  const Matrix6d inverse = root.solve(Matrix6d::Identity());
+  return root.info() == Eigen::Success && inverse.allFinite() ? inverse : Matrix6d::Zero();
 }
 
 /// Covariance of where a point of the marker is in the undistorted image [px^2]. The pose must have one.

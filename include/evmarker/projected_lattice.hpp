@@ -20,8 +20,7 @@ class ProjectedLattice {
   ProjectedLattice(int cells, double cell_length_m) : cells_(cells), centre_(cells / 2.0), cell_(cell_length_m) {}
 
   /// Takes a pose. False while the marker is not wholly in front of the camera, seen from behind, or not finite.
-  /// @param reach how far from the lattice's lines `rate()` is to hold [tangent]
-  bool project(const Eigen::Isometry3d& T_camera_marker, double reach) noexcept {
+  bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     const auto& R = T_camera_marker.linear();
     const Eigen::Vector3d h_x = cell_ * R.col(0), h_y = -cell_ * R.col(1);
     steps_ << h_x, h_y;
@@ -31,27 +30,27 @@ class ProjectedLattice {
     determinant_ = row_w_.dot(h0_);
     if (!(determinant_ > 0)) return false;  // seen from behind
     rows_ << row_x.transpose(), row_y.transpose();
-    row_w_x_.setConstant(row_w_.x());
-    row_w_y_.setConstant(row_w_.y());
-    along_x_ = {row_y.x(), row_x.x()};
-    along_y_ = {row_y.y(), row_x.y()};
-    D_x_ = {h_y.x(), h_x.x()};
-    D_y_ = {h_y.y(), h_x.y()};
-    D_z_ = {h_y.z(), h_x.z()};
-    DD_ = {h_y.squaredNorm(), h_x.squaredNorm()};
-    D_h0_ = {h_y.dot(h0_), h_x.dot(h0_)};
-    h_x_h_y_.setConstant(h_x.dot(h_y));
-
-    const double x = cells_ * h_x.z(), y = cells_ * h_y.z();
-    const double z_near = h0_.z() + std::min(x, 0.0) + std::min(y, 0.0);
-    const double z_far = h0_.z() + std::max(x, 0.0) + std::max(y, 0.0);
-    if (!(z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum()))) return false;
-    bound_rate(z_far, reach);
-    return true;
+    const double z_near = h0_.z() + std::min(cells_ * h_x.z(), 0.0) + std::min(cells_ * h_y.z(), 0.0);
+    return z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum());
   }
 
-  /// Lattice coordinates change by at most so many cells in a unit of the tangent; not positive where there is no such
-  /// bound. Changes rarely while the marker moves.
+  /// Lattice coordinates change by at most so many cells in a unit of the tangent at the pose of the last call; not
+  /// positive where there is no such bound. Changes rarely while the marker moves.
+  /// @param reach how far from the lattice's lines this is to hold [tangent]
+  double bound_rate(double reach) noexcept {
+    const double z_far = h0_.z() + std::max(cells_ * steps_(2, 0), 0.0) + std::max(cells_ * steps_(2, 1), 0.0);
+    // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
+    const double w = determinant_ - reach * z_far * row_w_.head<2>().lpNorm<1>();
+    // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
+    const auto steepest = [&](double k) {
+      return ((rows_.col(0) - k * row_w_.x()).square() + (rows_.col(1) - k * row_w_.y()).square()).maxCoeff();
+    };
+    const double squared = z_far * z_far * std::max(steepest(-kMaxFringe), steepest(cells_ + kMaxFringe));
+    // The bound leaves room for small motions, so that it need not be computed, with a root and a division, every time.
+    const double squared_bound = rate_ * rate_ * w * w;
+    if (!(w > 0 && squared <= squared_bound && squared_bound <= 1.3 * squared)) rate_ = 1.05 * std::sqrt(squared) / w;
+    return rate_;
+  }
   double rate() const noexcept { return rate_; }
   double cells() const noexcept { return cells_; }
 
@@ -102,12 +101,13 @@ class ProjectedLattice {
     lines.k_sum = (s.a / s.w).max(0.0).min(cells_) + kRounding;
     lines.k = lines.k_sum - kRounding;
     lines.e = s.a - lines.k * s.w;
-    lines.normal_x = rows_.col(0) - lines.k * row_w_x_;
-    lines.normal_y = rows_.col(1) - lines.k * row_w_y_;
+    lines.normal_x = rows_.col(0) - lines.k * row_w_.x();
+    lines.normal_y = rows_.col(1) - lines.k * row_w_.y();
     lines.norm2 = lines.normal_x.square() + lines.normal_y.square();
     lines.squared = lines.e.square() / lines.norm2;
-    lines.foot_a = lines.norm2 * s.a.reverse() - lines.e * (along_x_ * lines.normal_x + along_y_ * lines.normal_y);
-    lines.foot_w = lines.norm2 * s.w - lines.e * (row_w_x_ * lines.normal_x + row_w_y_ * lines.normal_y);
+    lines.foot_a = lines.norm2 * s.a.reverse() -
+                   lines.e * (rows_.col(0).reverse() * lines.normal_x + rows_.col(1).reverse() * lines.normal_y);
+    lines.foot_w = lines.norm2 * s.w - lines.e * (row_w_.x() * lines.normal_x + row_w_.y() * lines.normal_y);
     return lines;
   }
 
@@ -140,47 +140,34 @@ class ProjectedLattice {
     return way * determinant_ * z * std::sqrt(line.norm2);
   }
 
-  /// The points E on the line and F on the line of sight that are nearest to each other: Eqs. (3) to (5).
+  /// The points E on line `k` of a coordinate and F on the line of sight that are nearest to each other: Eqs. (3) to
+  /// (5).
   struct Nearest {
     Eigen::Vector3d E, F;
     bool exists;  ///< false if the line points at the camera
   };
 
   /// @param begin,end of the edge on the line, which E does not leave
-  [[gnu::always_inline]] Nearest nearest_points(const Lines& lines, Eigen::Index i, double begin, double end,
+  [[gnu::always_inline]] Nearest nearest_points(Eigen::Index coordinate, double k, double begin, double end,
                                                 const Eigen::Vector2d& m) const noexcept {
-    // On B + a2 D: D along the line, a cell long, B on its zero. Of both lines, so that little waits for the choice.
-    const Eigen::Array2d MD = D_x_ * m.x() + D_y_ * m.y() + D_z_;
-    const Eigen::Array2d MB = (h0_.x() * m.x() + h0_.y() * m.y() + h0_.z()) + lines.k * MD.reverse();
-    const Eigen::Array2d DB = D_h0_ + lines.k * h_x_h_y_;
-    const double MM = m.x() * m.x() + m.y() * m.y() + 1, by_MM = 1 / MM;
-    const Eigen::Array2d determinant = MM * DD_ - MD.square(), foot = (MD * MB - MM * DB) / determinant;
-    const double k = lines.k(i), a2 = std::min(std::max(foot(i), begin), end);
-    const double a1 = (MB(i) + a2 * MD(i)) * by_MM;  // E on the line of sight
-    const double *const across = &steps_(0, i), *const along = &steps_(0, 1 - i);
-    return {{h0_.x() + k * across[0] + a2 * along[0], h0_.y() + k * across[1] + a2 * along[1],
-             h0_.z() + k * across[2] + a2 * along[2]},
+    // On B + a2 D: D along the line, a cell long, B on its zero.
+    const double *const D = &steps_(0, 1 - coordinate), *const across = &steps_(0, coordinate);
+    const double B_x = h0_.x() + k * across[0], B_y = h0_.y() + k * across[1], B_z = h0_.z() + k * across[2];
+    const double MM = m.x() * m.x() + m.y() * m.y() + 1, MD = D[0] * m.x() + D[1] * m.y() + D[2];
+    const double MB = B_x * m.x() + B_y * m.y() + B_z;
+    const double DD = D[0] * D[0] + D[1] * D[1] + D[2] * D[2], DB = D[0] * B_x + D[1] * B_y + D[2] * B_z;
+    const double determinant = MM * DD - MD * MD;
+    const double a2 = std::min(std::max((MD * MB - MM * DB) / determinant, begin), end);
+    const double a1 = (MB + a2 * MD) / MM;  // E on the line of sight
+    return {{B_x + a2 * D[0], B_y + a2 * D[1], B_z + a2 * D[2]},
             {a1 * m.x(), a1 * m.y(), a1},
-            determinant(i) > 1e-6 * MM * DD_(i)};
+            determinant > 1e-6 * MM * DD};
   }
 
   /// A lattice point in the camera frame [m].
   Eigen::Vector3d point(double x, double y) const noexcept { return x * steps_.col(0) + y * steps_.col(1) + h0_; }
 
  private:
-  void bound_rate(double z_far, double reach) noexcept {
-    // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
-    const double w = determinant_ - reach * z_far * row_w_.head<2>().lpNorm<1>();
-    // Lattice coordinates change by at most |row - k row_w| / w by the tangent, most on one of the outermost lines.
-    const auto steepest = [&](double k) {
-      return ((rows_.col(0) - k * row_w_x_).square() + (rows_.col(1) - k * row_w_y_).square()).maxCoeff();
-    };
-    const double squared = z_far * z_far * std::max(steepest(-kMaxFringe), steepest(cells_ + kMaxFringe));
-    // The bound leaves room for small motions, so that it need not be computed, with a root and a division, every time.
-    const double squared_bound = rate_ * rate_ * w * w;
-    if (!(w > 0 && squared <= squared_bound && squared_bound <= 1.3 * squared)) rate_ = 1.05 * std::sqrt(squared) / w;
-  }
-
   double cells_ = 0, centre_ = 0, cell_ = 0;
   // Columns of H, homogeneous lattice coordinates to camera frame [m]: the steps to the next cell and the top left
   // corner.
@@ -190,10 +177,6 @@ class ProjectedLattice {
   Eigen::Array<double, 2, 3> rows_ = Eigen::Array<double, 2, 3>::Zero();
   Eigen::Vector3d row_w_{0, 0, 0};
   double determinant_ = 0;
-  // The same once more as both lines need it: the rows that count along them, row_w_ twice, and the coordinates and
-  // products of their directions D.
-  Eigen::Array2d along_x_{0, 0}, along_y_{0, 0}, row_w_x_{0, 0}, row_w_y_{0, 0};
-  Eigen::Array2d D_x_{0, 0}, D_y_{0, 0}, D_z_{0, 0}, DD_{0, 0}, D_h0_{0, 0}, h_x_h_y_{0, 0};
   double rate_ = 0;
 };
 

@@ -1,10 +1,16 @@
 #pragma once
 // Floor 0. Loops in the widest vectors that the processor has, in programs compiled for any.
-
 #include <cstddef>
 #include <type_traits>
 
 namespace evmarker {
+
+namespace detail {
+
+template <std::size_t kBits>
+using Bits = std::integral_constant<std::size_t, kBits>;
+
+}  // namespace detail
 
 // Known of GCC alone; others make vectors of what they are told to compile for.
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
@@ -45,26 +51,28 @@ template <typename Loops>
     loops();
 }
 
+/// The same for `work(bits)` that has numbers in a `Pack` of so many bits: vectors wider than what a function is
+/// compiled for would be taken apart in memory.
 template <typename Work>
 [[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
   if (detail::kVectorBits == 512)
-    detail::in_512_bits([&]() __attribute__((always_inline)) { work(std::integral_constant<std::size_t, 256>()); });
+    detail::in_512_bits([&]() __attribute__((always_inline)) { work(detail::Bits<256>()); });
   else if (detail::kVectorBits == 256)
-    detail::in_256_bits([&]() __attribute__((always_inline)) { work(std::integral_constant<std::size_t, 256>()); });
+    detail::in_256_bits([&]() __attribute__((always_inline)) { work(detail::Bits<256>()); });
   else
-    work(std::integral_constant<std::size_t, 128>());
+    work(detail::Bits<128>());
 }
 
 #else
 
-template <typename Work>
-void in_packs(const Work& work) noexcept {
-  work(std::integral_constant<std::size_t, 128>());
-}
-
 template <typename Loops>
 void in_wide_vectors(const Loops& loops) noexcept {
   loops();
+}
+
+template <typename Work>
+void in_packs(const Work& work) noexcept {
+  work(detail::Bits<128>());
 }
 
 #endif
