@@ -78,9 +78,11 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
     const Vector2d other = m + Vector2d(random(-0.02, 0.02), random(-0.02, 0.02));
     return std::pair(i == place ? m : other, Timestamp{7});
   });
+  const auto most = std::min(place + 1, LatticeMatcher::Choices::kMost),
+             first = place + 1 - static_cast<std::size_t>(random.integer(1, static_cast<int>(most)));
   LatticeMatcher::Choices choices;
-  lattice.choose(group, choices);
-  const int stretch = choices.stretch[place];
+  lattice.choose(group, first, std::min(count - first, LatticeMatcher::Choices::kMost), choices);
+  const int stretch = choices.stretch[place - first];
   const LatticeMatcher::Choice careful = lattice.choose(m);
   if (careful.result != result) return false;
   if (stretch == LatticeMatcher::Choices::kFar) return result == MatchResult::far;

@@ -86,8 +86,8 @@ class DecoupledUpdate {
   /// The same for up to eight events: those before them fade, and they by those after them.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const std::size_t n = c.count;
-    const double kept = summing_ ? kept_[n] : 0, T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
-                 T_z = T_camera_marker.translation().z();
+    const double kept = summing_ ? kept_[n] : 0, T_x = T_camera_marker.translation().x(),
+                 T_y = T_camera_marker.translation().y(), T_z = T_camera_marker.translation().z();
     alignas(64) Lanes weights;
     for (std::size_t i = 0; i < kLanes; ++i) weights[i] = weights_[kLanes - n + i];
     for (std::size_t i = 0; i < kLanes; ++i) {

@@ -230,9 +230,10 @@ class EdgeFollower {
       ++skipped_updates_;
       return false;
     }
-    const bool choose_anew = ++moves_ >= moves_at_most_;
-    in_front_ = choose_anew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_);
-    if (choose_anew || !matcher_.on_lattice()) moves_ = 0;
+    const unsigned lookups = matcher_.lookups();
+    const bool renew = ++moves_ >= moves_at_most_;
+    in_front_ = renew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_);
+    if (matcher_.lookups() != lookups) moves_ = 0;
     expect_motion();
     return true;
   }

@@ -120,27 +120,32 @@ class KalmanMeasurements {
   // Makes seven measurements that tell the same as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
   // columns of L, D their weights. A direction of which nothing is told has none.
   [[gnu::noinline]] void condense() noexcept {
-    in_wide_vectors([&]() __attribute__((always_inline)) {
-      double S[8][8];
-      std::size_t place = 0;
+    double S[8][8], L[8][8], D[8];
+    std::size_t place = 0;
 #pragma GCC unroll 8
-      for (std::size_t k = 0; k < 8; ++k)
+    for (std::size_t k = 0; k < 8; ++k)
 #pragma GCC unroll 8
-        for (std::size_t i = k; i < 8; ++i) S[k][i] = sum(squares_[place++]);
-      std::array<double, 8> least;
-      for (std::size_t k = 0; k < 8; ++k) least[k] = kRounding * S[k][k];
+      for (std::size_t i = k; i < 8; ++i) S[k][i] = sum(squares_[place++]);
 #pragma GCC unroll 8
-      for (std::size_t k = 0; k < 7; ++k) {
-        const double D = S[k][k], inverse = D > least[k] ? 1 / D : 0;
-        rows_.weight[k] = D > least[k] ? D : 0;
+    for (std::size_t k = 0; k < 8; ++k) D[k] = kRounding * S[k][k];
 #pragma GCC unroll 8
-        for (std::size_t i = 0; i < 8; ++i) rows_.row[i][k] = i < k ? 0 : inverse * S[k][i];
+    for (std::size_t k = 0; k < 7; ++k) {
+      const bool told = S[k][k] > D[k];
+      const double inverse = told ? 1 / S[k][k] : 0;
+      D[k] = told ? S[k][k] : 0;
 #pragma GCC unroll 8
-        for (std::size_t j = k + 1; j < 8; ++j)
+      for (std::size_t i = k; i < 8; ++i) L[k][i] = inverse * S[k][i];
 #pragma GCC unroll 8
-          for (std::size_t i = j; i < 8; ++i) S[j][i] -= rows_.row[j][k] * S[k][i];
-      }
-    });
+      for (std::size_t j = k + 1; j < 8; ++j)
+#pragma GCC unroll 8
+        for (std::size_t i = j; i < 8; ++i) S[j][i] -= L[k][j] * S[k][i];
+    }
+#pragma GCC unroll 8
+    for (std::size_t k = 0; k < 7; ++k) rows_.weight[k] = D[k];
+#pragma GCC unroll 8
+    for (std::size_t i = 0; i < 8; ++i)
+#pragma GCC unroll 8
+      for (std::size_t k = 0; k < 7; ++k) rows_.row[i][k] = i < k ? 0 : L[k][i];
     waiting_ = 7;
   }
 

@@ -14,7 +14,7 @@ namespace evmarker {
 
 /// The lines of a lattice that are nearest to each of some events: of both coordinates.
 struct LatticeLines {
-  static constexpr std::size_t kMost = 4 * kLanes;
+  static constexpr std::size_t kMost = 5 * kLanes;
   using Numbers = std::array<double, kMost>;
   alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, squared distance
   alignas(64) std::array<Numbers, 2> place;  ///< of the foot: twice its cell; around a lattice point, once each of both

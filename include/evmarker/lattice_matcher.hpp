@@ -34,6 +34,7 @@ class LatticeMatcher {
         match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
         near_reach_(std::hypot(3 * max_distance_, end_margin_)),
         limit2_(max_distance_ * max_distance_),
+        hardly_(max_distance_ / 2),
         // (d + ambiguity)^2 is at most that factor times d^2 and the offset; they meet half way to the maximal
         // distance.
         rival_factor_(1 + 2 * ambiguity_ / max_distance_),
@@ -49,16 +50,23 @@ class LatticeMatcher {
   /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     on_lattice_ = lattice_ && projected_.project(T_camera_marker) && fits();
-    if (on_lattice_) lookup_ = projected_;
+    if (on_lattice_) {
+      lookup_ = projected_;
+      lookup_corners_ = lookup_.corners();
+    }
+    ++lookups_;
     return on_lattice_ || segments_.project(T_camera_marker);
   }
 
-  /// Takes a pose that is a small step from the last one: events that match an edge still match it, where that is now.
+  /// The same, but if the marker has hardly moved since the last `project`, events go on matching the edges that they
+  /// matched then, where these are now.
   bool move(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    if (on_lattice_ && projected_.project(T_camera_marker)) [[likely]]
+    if (on_lattice_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, hardly_)) [[likely]]
       return true;
     return project(T_camera_marker);
   }
+  /// How often which edge an event matches has begun to depend on a new pose.
+  unsigned lookups() const noexcept { return lookups_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
@@ -290,10 +298,13 @@ class LatticeMatcher {
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
   double limit2_;                                 // max_distance_ squared
+  double hardly_;                                 // see `move`
   double rival_factor_, rival_offset_;            // the runner-up's squared distance must surely be larger than that
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_lattice_ = false;
+  ProjectedLattice::Corners lookup_corners_;
+  unsigned lookups_ = 0;
   double rate_ = 0;                             // that the following were computed for
   bool fits_ = false;                           // see fits()
   double fringe_ = 0;                           // how far outside of the marker an event may be near an edge [cells]

@@ -1,5 +1,6 @@
 #pragma once
 // Floor 2. What a few measurements, taken one after the other, make of an error state and its covariance.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -42,7 +43,7 @@ class MeasurementUpdate {
   using Column = Pack<12, kBits>;
   // One of each measurement, those from kCount on mean nothing. A single one is read as it was written: read as a
   // whole vector, it would have to wait until it has left for memory.
-  using Each = std::conditional_t<kCount == 1, Pack<1, 64>, Pack<4, kBits>>;
+  using Each = Pack<kCount, (kCount > 2 ? kBits : 64)>;
 
   static constexpr std::size_t kPose = 6, kOffset = 6, kMeasured = 7;  // places in a row
 
@@ -83,6 +84,8 @@ class MeasurementUpdate {
       inverse_[m] = 1 / variance_[m];
       told_[m] = inverse_[m] * innovation_[m];
       o_[m] = PJ_o_[m];
+      gain_[m] = PJ_[m];
+      gain_[m].scale(inverse_[m]);
       Each shared = S_[m];
       shared.scale(inverse_[m]);
 #pragma GCC unroll 4
@@ -100,28 +103,24 @@ class MeasurementUpdate {
   [[gnu::always_inline]] bool good(const ErrorCovariance& P) const noexcept {
     bool positive = true;
     double o = P.oo, told = 0;
+    Column less;
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
       positive = positive && variance_[m] > 0;
+      less.add_product(PJ_[m], gain_[m]);
       o -= inverse_[m] * o_[m] * o_[m];
       told += std::abs(told_[m]);
     }
+    double least = o;
 #pragma GCC unroll 8
-    for (std::size_t k = 0; k < kPose; ++k) {
-      double left = P.xx.data()[12 * k + k];
-#pragma GCC unroll 4
-      for (std::size_t m = 0; m < kCount; ++m) left -= inverse_[m] * PJ_[m][k] * PJ_[m][k];
-      positive = positive && left > 0;
-    }
-    return positive && o > 0 && told < std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < kPose; ++k) least = std::min(least, P.xx.data()[12 * k + k] - less[k]);
+    return positive && least > 0 && told < std::numeric_limits<double>::infinity();
   }
 
   [[gnu::always_inline]] void apply(ErrorCovariance& P, ErrorState& error) const noexcept {
     Column x(error.x.data());
-    std::array<Column, kCount> gain = PJ_;
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
-      gain[m].scale(inverse_[m]);
       x.add(told_[m], PJ_[m]);
       error.o += told_[m] * o_[m];
       P.oo -= inverse_[m] * o_[m] * o_[m];
@@ -132,13 +131,14 @@ class MeasurementUpdate {
       double* const place = k < 12 ? P.xx.data() + 12 * k : P.xo.data();
       Column column(place);
 #pragma GCC unroll 4
-      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : o_[m], gain[m]);
+      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : o_[m], gain_[m]);
       column.store(place);
     }
   }
 
-  std::array<Column, kCount> PJ_;  // P J^T, of x
-  Each PJ_o_;                      // and of o
+  std::array<Column, kCount> PJ_;    // P J^T, of x
+  std::array<Column, kCount> gain_;  // the same by the variance
+  Each PJ_o_;                        // and of o
   Each innovation_;
   std::array<Each, kCount> S_;
   std::array<double, kCount> variance_, inverse_, told_, o_;

@@ -52,6 +52,10 @@ class Pack {
   [[gnu::always_inline]] void subtract(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] -= times * other.parts_[i];
   }
+  /// Adds the products of two others, number by number.
+  [[gnu::always_inline]] void add_product(const Pack& a, const Pack& b) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] += a.parts_[i] * b.parts_[i];
+  }
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
     Part at{};
     at[i % kPart] = 1;

@@ -34,6 +34,21 @@ class ProjectedLattice {
     return z_near > 1e-6 && std::isfinite(determinant_ + R.col(2).sum());
   }
 
+  /// Where the lattice's four corners are seen, (X/Z, Y/Z).
+  struct Corners {
+    Eigen::Array4d x{0, 0, 0, 0}, y{0, 0, 0, 0};
+  };
+  Corners corners() const noexcept {
+    const Eigen::Array4d z = of_corners(2);
+    return {of_corners(0) / z, of_corners(1) / z};
+  }
+  /// Whether they are seen less than so far from there, in either coordinate [tangent].
+  [[gnu::always_inline]] bool near(const Corners& there, double distance) const noexcept {
+    const Eigen::Array4d z = of_corners(2);
+    const Eigen::Array4d off = (of_corners(0) - there.x * z).abs().max((of_corners(1) - there.y * z).abs());
+    return (distance * z - off).minCoeff() > 0;
+  }
+
   /// Lattice coordinates change by at most so many cells in a unit of the tangent at the pose of the last call; not
   /// positive where there is no such bound. Changes rarely while the marker moves.
   /// @param reach how far from the lattice's lines this is to hold [tangent]
@@ -168,6 +183,11 @@ class ProjectedLattice {
   Eigen::Vector3d point(double x, double y) const noexcept { return x * steps_.col(0) + y * steps_.col(1) + h0_; }
 
  private:
+  [[gnu::always_inline]] Eigen::Array4d of_corners(Eigen::Index axis) const noexcept {
+    const double origin = h0_(axis), x = cells_ * steps_(axis, 0), y = cells_ * steps_(axis, 1);
+    return {origin, origin + x, origin + y, origin + x + y};
+  }
+
   double cells_ = 0, centre_ = 0, cell_ = 0;
   // Columns of H, homogeneous lattice coordinates to camera frame [m]: the steps to the next cell and the top left
   // corner.
