@@ -56,6 +56,8 @@ class FoundMarker {
   Eigen::AlignedBox2d reach(double around = 0) const noexcept {
     return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(around);
   }
+  /// See MarkerTracker::stays.
+  bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:

@@ -169,7 +169,15 @@ class MarkerTracker {
 
   /// Whether it tracks, and far from being lost for too few matches: at most half way.
   bool reliable() const noexcept {
-    return state() == TrackingState::tracking && matched_fraction_ > (1 + settings_.min_matched_fraction) / 2;
+    return state() == TrackingState::tracking && matched_fraction_ > least_reliable_fraction();
+  }
+
+  /// Whether no so many events, whatever they are, change where it is or whether that is `reliable`.
+  bool stays(std::size_t events) const noexcept {
+    if (events == 0 || state() == TrackingState::lost) return true;
+    const double most = static_cast<double>(events + 1) * event_weight_;  // that they change the fraction, and a bit
+    return !capturing_ && collected_ + events < static_cast<std::size_t>(settings_.events_per_update) &&
+           !verification_.ends_within(events) && std::abs(matched_fraction_ - least_reliable_fraction()) > most;
   }
 
   MarkerId id() const noexcept { return pose_.id; }
@@ -189,10 +197,14 @@ class MarkerTracker {
     if (offered_ < settings_.matched_fraction_events) event_weight_ = 1.0 / ++offered_;
     const bool explained = match == MatchResult::matched || match == MatchResult::ambiguous;
     matched_fraction_ += event_weight_ * ((explained ? 1.0 : 0.0) - matched_fraction_);
-    if (match == MatchResult::matched) coverage_.add(segment);
+    if (match == MatchResult::matched) {
+      coverage_.add(segment);
+      ++collected_;
+    }
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {
+      collected_ = 0;
       matched_ += follower_.last_update().matched;
       pose_.quality.updated_t = t_;
       if (pose_.quality.state == TrackingState::converging) add_misfit(follower_.last_update());
@@ -206,6 +218,8 @@ class MarkerTracker {
     if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
     return &tell();
   }
+
+  double least_reliable_fraction() const noexcept { return (1 + settings_.min_matched_fraction) / 2; }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
   void describe(PoseEstimate& pose) const noexcept {
@@ -289,6 +303,7 @@ class MarkerTracker {
   bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
+  std::size_t collected_ = 0;  // matched since then, or fewer: the follower may have begun anew
   double misfit2_px_ = 0;  // sum over the events of the converging updates
   int misfit_events_ = 0;
   int offered_ = 0;              // events that the running mean below stands for

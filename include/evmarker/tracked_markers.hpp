@@ -52,14 +52,18 @@ class TrackedMarkers {
       tiles_.for_each_at(event, push_to);
   }
 
-  /// The same later, at `push_waiting`, or now: where markers meet, whose it is depends on where they are by now.
+  /// The same later, at `push_waiting`. Where markers meet, whose an event is depends on where they are by now: those
+  /// that may move with the events that wait take these first.
   template <std::invocable<const PoseEstimate&> Use>
   void push_soon(const Event& event, const Use& use) {
+    const auto keep_for = [&](std::size_t i) { inboxes_[i].push(event); };
     if (tiles_.shared(event, lines_)) [[unlikely]] {
-      tiles_.for_each_at(event, [&](std::size_t i) { push_waiting(i, use); });
-      push(event, use);
+      tiles_.for_each_at(event, [&](std::size_t i) {
+        if (!markers_[i].stays(inboxes_[i].events().size())) push_waiting(i, use);
+      });
+      for_each_visible_at(event, keep_for);
     } else {
-      tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
+      tiles_.for_each_at(event, keep_for);
     }
   }
 
