@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <cstring>
@@ -220,6 +221,47 @@ TEST_CASE_TEMPLATE("events that come together give the poses that they give one 
       CHECK(different == 0);
     }
   }
+}
+
+TEST_CASE("what is said to stay stays, whatever the next events are") {
+  const Trajectory motion = simulated::near_motion(49);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.25, 49));
+  // Small rings, for copies, and windows that are short: ways back end often.
+  const MarkerTrackerSettings<> settings{.events_per_update = 50,
+                                         .verification = {.updates = 5, .min_events = 100, .max_events = 1024},
+                                         .converging_events = 1000,
+                                         .min_matched_fraction = 0.6,
+                                         .matched_fraction_events = 100,
+                                         .capture = {}};
+  auto tracker = code_tracker(detected(motion(0)), settings);
+  const auto beside = [](Event event) {
+    event.x = static_cast<std::uint16_t>(std::min(event.x + 6, 639));
+    event.y = static_cast<std::uint16_t>(std::min(event.y + 6, 479));
+    return event;
+  };
+  int stays = 0, moves = 0, doubts = 0;
+  for (std::size_t i = 0; i + 100 < events.size(); ++i) {
+    // In the second half, a quarter of the events lie beside the edges.
+    if (i > events.size() / 2 && i % 4 == 0) events[i] = beside(events[i]);
+    tracker.push(events[i]);
+    if (i % 41 != 0) continue;
+    const std::size_t count = std::array<std::size_t, 3>{1, 9, 40}[i / 41 % 3];
+    const bool said = tracker.stays(count);
+    for (const bool worse : {false, true}) {
+      auto later = tracker;
+      for (std::size_t k = 1; k <= count; ++k) later.push(worse ? beside(events[i + k]) : events[i + k]);
+      const bool same = later.T_camera_marker().matrix() == tracker.T_camera_marker().matrix() &&
+                        later.reliable() == tracker.reliable() && later.state() == tracker.state();
+      if (said) REQUIRE(same);
+      moves += !same;
+      doubts += later.state() == tracker.state() && later.reliable() != tracker.reliable();
+    }
+    stays += said;
+  }
+  REQUIRE(tracker.state() == TrackingState::tracking);
+  CHECK(stays > 200);
+  CHECK(moves > 200);
+  CHECK(doubts >= 1);
 }
 
 TEST_CASE("events that belong to nothing are survived") {

@@ -56,6 +56,16 @@ class FoundMarker {
   Eigen::AlignedBox2d reach(double around = 0) const noexcept {
     return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(around);
   }
+  /// See MarkerTracker::stays.
+  bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
+  /// Whether it has had no event for so long at time t, or has those of a time to come, before the camera was started
+  /// anew.
+  bool silent_until(Timestamp t, std::chrono::microseconds interval) const noexcept {
+    const Timestamp heard = tracker_.estimate().t;
+    constexpr std::uint64_t kRestart_us = 1000000;
+    return heard < t ? elapsed_us(heard, t) > static_cast<std::uint64_t>(interval.count())
+                     : elapsed_us(t, heard) > kRestart_us;
+  }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:

@@ -3,10 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <concepts>
 #include <cstddef>
-#include <limits>
 #include <optional>
 #include <ranges>
 #include <span>
@@ -18,6 +16,8 @@
 #include "evmarker/edge_coverage.hpp"
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
+#include "evmarker/matched_fraction.hpp"
+#include "evmarker/misfit.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
@@ -160,9 +160,7 @@ class MarkerTracker {
 
   /// How badly the edges explained the events while the tracker converged, to tell which of two starts was right: root
   /// mean square distance of those on or near the wireframe, unmatched ones at the limit [px]; infinite at first.
-  double misfit_px() const noexcept {
-    return misfit_events_ > 0 ? std::sqrt(misfit2_px_ / misfit_events_) : std::numeric_limits<double>::infinity();
-  }
+  double misfit_px() const noexcept { return misfit_.px(); }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
   /// @param around the least width of what it contains around a code marker [cells]
@@ -172,7 +170,15 @@ class MarkerTracker {
 
   /// Whether it tracks, and far from being lost for too few matches: at most half way.
   bool reliable() const noexcept {
-    return state() == TrackingState::tracking && matched_fraction_ > (1 + settings_.min_matched_fraction) / 2;
+    return state() == TrackingState::tracking && matched_fraction_.value() > least_reliable_fraction();
+  }
+
+  /// Whether no so many events, whatever they are, move it, lose it, or change whether it is `reliable`.
+  bool stays(std::size_t events) const noexcept {
+    if (events == 0 || state() == TrackingState::lost) return true;
+    return !capturing_ && collected_ + events < static_cast<std::size_t>(settings_.events_per_update) &&
+           !verification_.ends_within(events) && matched_fraction_.keeps_side(settings_.min_matched_fraction, events) &&
+           matched_fraction_.keeps_side(least_reliable_fraction(), events);
   }
 
   MarkerId id() const noexcept { return pose_.id; }
@@ -189,26 +195,29 @@ class MarkerTracker {
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
 
-    if (offered_ < settings_.matched_fraction_events) event_weight_ = 1.0 / ++offered_;
-    const bool explained = match == MatchResult::matched || match == MatchResult::ambiguous;
-    matched_fraction_ += event_weight_ * ((explained ? 1.0 : 0.0) - matched_fraction_);
+    matched_fraction_.add(match == MatchResult::matched || match == MatchResult::ambiguous);
     if (match == MatchResult::matched) coverage_.add(segment);
+    collected_ += match == MatchResult::matched;
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {
+      collected_ = 0;
       matched_ += follower_.last_update().matched;
       pose_.quality.updated_t = t_;
-      if (pose_.quality.state == TrackingState::converging) add_misfit(follower_.last_update());
+      if (pose_.quality.state == TrackingState::converging)
+        misfit_.add(follower_.last_update(), settings_.matching.max_distance_px);
     }
     if (pose_.quality.state == TrackingState::converging) {
       if (matched_ > settings_.converging_events) start_judging();
-    } else if (matched_fraction_ < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
+    } else if (matched_fraction_.value() < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
       return &lose();
     }
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
     return &tell();
   }
+
+  double least_reliable_fraction() const noexcept { return (1 + settings_.min_matched_fraction) / 2; }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
   void describe(PoseEstimate& pose) const noexcept {
@@ -223,13 +232,6 @@ class MarkerTracker {
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
-  }
-
-  void add_misfit(const UpdateStatistics& update) noexcept {
-    const double limit = settings_.matching.max_distance_px;
-    misfit2_px_ +=
-        update.matched * update.residual_px * update.residual_px + (update.offered - update.matched) * limit * limit;
-    misfit_events_ += update.offered;
   }
 
   // The first events tell where the marker is; from there they are tracked.
@@ -248,7 +250,7 @@ class MarkerTracker {
   void start_judging() noexcept {
     pose_.quality.state = TrackingState::tracking;
     verification_.start_window(follower_);
-    matched_fraction_ = 1;
+    matched_fraction_.restore();
     coverage_.restart();
   }
 
@@ -292,11 +294,9 @@ class MarkerTracker {
   bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  double misfit2_px_ = 0;  // sum over the events of the converging updates
-  int misfit_events_ = 0;
-  int offered_ = 0;              // events that the running mean below stands for
-  double event_weight_ = 1;      // one over them
-  double matched_fraction_ = 1;  // running mean over the events on or near the wireframe
+  std::size_t collected_ = 0;  // matched since then, or fewer: the follower may have begun anew
+  Misfit misfit_;              // of the converging updates
+  MatchedFraction matched_fraction_{settings_.matched_fraction_events};  // of the events on or near the wireframe
 };
 
 }  // namespace evmarker

@@ -32,7 +32,7 @@ class SpatiotemporalFilter {
     if (distance(event.t, swept_at_) > kSweepInterval) [[unlikely]]
       sweep(event.t);
     const auto now = static_cast<std::uint32_t>(event.t);
-    std::uint32_t* const pixel = &last_[(event.y + std::size_t{1}) * stride_ + event.x + 1];
+    std::uint32_t* const pixel = &last_[index(event)];
     const auto recent = [&](const std::uint32_t* neighbour) {
       return static_cast<unsigned>(now - *neighbour + window_ <= 2 * window_);  // |now - neighbour| <= window
     };
@@ -42,6 +42,12 @@ class SpatiotemporalFilter {
                                recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
     *pixel = now;
     return supported != 0;
+  }
+
+  /// Has what `accept` will need for the event, which must lie on the sensor, brought into the cache.
+  void prefetch(const Event& event) const noexcept {
+    const std::uint32_t* const pixel = &last_[index(event)];
+    for (const std::uint32_t* const row : {pixel - stride_, pixel, pixel + stride_}) __builtin_prefetch(row);
   }
 
  private:
@@ -55,6 +61,8 @@ class SpatiotemporalFilter {
     const auto ua = static_cast<std::uint64_t>(a), ub = static_cast<std::uint64_t>(b);
     return a > b ? ua - ub : ub - ua;
   }
+
+  std::size_t index(const Event& event) const noexcept { return (event.y + std::size_t{1}) * stride_ + event.x + 1; }
 
   void sweep(Timestamp t) noexcept {
     const auto now = static_cast<std::uint32_t>(t);

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/event_group.hpp"
 #include "evmarker/found_marker.hpp"
 #include "evmarker/paper.hpp"
 #include "evmarker/tile_map.hpp"
@@ -21,8 +22,6 @@ namespace evmarker {
 template <PoseUpdateRule Rule>
 class TrackedMarkers {
  public:
-  static constexpr std::size_t kMostWaiting = 1024;  ///< events, until `push_waiting`
-
   TrackedMarkers(const UndistortionTable& lines, std::size_t max_markers)
       : lines_(lines), tiles_(lines), inboxes_(max_markers) {
     markers_.reserve(max_markers);
@@ -52,21 +51,25 @@ class TrackedMarkers {
       tiles_.for_each_at(event, push_to);
   }
 
-  /// The same later, at `push_waiting`, or now: where markers meet, whose it is depends on where they are by now.
+  /// The same later, at `push_waiting` at the latest. Where markers meet, whose an event is depends on where they are
+  /// by now: those that may move with the events that wait take these first.
   template <std::invocable<const PoseEstimate&> Use>
   void push_soon(const Event& event, const Use& use) {
-    if (tiles_.shared(event, lines_)) [[unlikely]] {
-      tiles_.for_each_at(event, [&](std::size_t i) { push_waiting(i, use); });
-      push(event, use);
-    } else {
-      tiles_.for_each_at(event, [&](std::size_t i) { inboxes_[i].push(event); });
-    }
+    if (tiles_.shared(event, lines_)) [[unlikely]]
+      return keep_where_markers_meet(event, use);
+    tiles_.for_each_at(event, [&](std::size_t i) { keep(i, event, use); });
   }
 
   /// Gives the markers the events that wait, one marker after the other.
   template <std::invocable<const PoseEstimate&> Use>
   void push_waiting(const Use& use) {
     for (std::size_t i = 0; i < markers_.size(); ++i) push_waiting(i, use);
+  }
+
+  /// Only to those whom the events that wait may move, or lose.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push_decisive(const Use& use) {
+    for (std::size_t i = 0; i < markers_.size(); ++i) push_decisive(i, use);
   }
 
   /// See MarkerTracker::skip.
@@ -93,22 +96,24 @@ class TrackedMarkers {
   const std::vector<FoundMarker<Rule>>& all() const noexcept { return markers_; }
   std::size_t size() const noexcept { return markers_.size(); }
   bool empty() const noexcept { return markers_.empty(); }
+  bool any_lost() const noexcept { return std::ranges::any_of(markers_, &FoundMarker<Rule>::lost); }
 
  private:
-  // Events of one marker.
+  // Events of one marker. Small, so that those of many markers fit the first level cache: two of the largest groups.
   class Inbox {
    public:
     void push(const Event& event) noexcept { events_[count_++] = event; }
     void clear() noexcept { count_ = 0; }
+    bool full() const noexcept { return count_ == events_.size(); }
     std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
 
    private:
-    std::array<Event, kMostWaiting> events_{};
+    std::array<Event, 2 * EventGroup::kMost> events_{};
     std::size_t count_ = 0;
   };
 
   template <typename Use>
-  void push_waiting(std::size_t i, const Use& use) {
+  [[gnu::noinline]] void push_waiting(std::size_t i, const Use& use) {
     bool moved = false;
     markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
       moved = true;
@@ -116,6 +121,23 @@ class TrackedMarkers {
     });
     inboxes_[i].clear();
     if (moved) place(i);
+  }
+
+  template <typename Use>
+  [[gnu::always_inline]] void keep(std::size_t i, const Event& event, const Use& use) {
+    inboxes_[i].push(event);
+    if (inboxes_[i].full()) [[unlikely]]
+      push_waiting(i, use);
+  }
+  template <typename Use>
+  [[gnu::noinline]] void keep_where_markers_meet(const Event& event, const Use& use) {
+    tiles_.for_each_at(event, [&](std::size_t i) { push_decisive(i, use); });
+    for_each_visible_at(event, [&](std::size_t i) { keep(i, event, use); });
+  }
+
+  template <typename Use>
+  void push_decisive(std::size_t i, const Use& use) {
+    if (!markers_[i].stays(inboxes_[i].events().size())) push_waiting(i, use);
   }
 
   // Enters all markers into the tiles anew: their places in the list have changed.

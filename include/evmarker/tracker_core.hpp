@@ -5,12 +5,12 @@
 #include <concepts>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 #include <ranges>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "evmarker/by_time.hpp"
 #include "evmarker/candidates.hpp"
 #include "evmarker/event_history.hpp"
 #include "evmarker/found_marker.hpp"
@@ -42,12 +42,12 @@ class TrackerCore {
         history_(settings.history_events),
         looks_(settings),
         markers_(lines_, settings.max_markers),
-        candidates_(settings.max_markers) {
+        candidates_(settings.max_markers),
+        by_time_(settings.max_markers + kBetweenChecks) {
     validate(settings);
     settings_.marker.capture.reset();  // a detection has been fitted to the edges already
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers + kBetweenChecks);
-    order_.reserve(poses_.capacity());
   }
 
   /// Takes one event: `poses()` are then those that it led to. False if it was discarded.
@@ -70,22 +70,25 @@ class TrackerCore {
     if (events.empty()) return 0;
     if (!candidates_.empty()) {
       if (push(events.front())) stop(events.front());
-      hand_over(use);
+      by_time_.hand_over(poses_, use);
       return 1;
     }
-    begin();
-    events = events.first(std::min({events.size(), kTogether * std::max<std::size_t>(markers_.size(), 1),
-                                    kBetweenChecks - statistics_.events % kBetweenChecks}));
+    poses_.clear();
+    events = events.first(
+        std::min({events.size(), kTogether * std::max<std::size_t>(markers_.size(), 1), std::size_t{kBetweenChecks}}));
     std::size_t taken = 0;
     for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
       const Event& event = events[taken];
+      if (events.size() - taken > kAhead) prefetch(events[taken + kAhead]);
+      if (statistics_.events % kBetweenChecks == 0) [[unlikely]]
+        check_meanwhile();
       if (!enter(event)) continue;
       markers_.push_soon(event, delivering());
       stopped = stop(event);
     }
     markers_.push_waiting(delivering());
     if (!poses_.empty()) drop_lost();
-    hand_over(use);
+    by_time_.hand_over(poses_, use);
     return taken;
   }
 
@@ -175,7 +178,8 @@ class TrackerCore {
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
   static constexpr std::size_t kTogether = 64;           // events: so many for each marker make good groups
-  static constexpr std::size_t kBetweenChecks = TrackedMarkers<Rule>::kMostWaiting;  // events
+  static constexpr std::size_t kBetweenChecks = 1024;    // events
+  static constexpr std::size_t kAhead = 32;              // events: longer than memory takes, shorter than a cache holds
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
 
   // Whether markers are looked for is seen anew after the same events, however many of them come together.
@@ -184,18 +188,25 @@ class TrackerCore {
     if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
   }
 
-  // In order of time: those of each marker are already.
-  template <typename Use>
-  void hand_over(const Use& use) {
-    order_.resize(poses_.size());
-    std::iota(order_.begin(), order_.end(), std::size_t{0});
-    std::ranges::sort(order_, {}, [&](std::size_t i) { return std::pair(poses_[i].t, i); });
-    for (const std::size_t i : order_) use(poses_[i]);
-    poses_.clear();
+  // The same while events wait, once those have been taken by which a marker may be lost.
+  [[gnu::noinline]] void check_meanwhile() {
+    markers_.push_decisive(delivering());
+    if (markers_.any_lost()) {
+      markers_.push_waiting(delivering());
+      drop_lost();
+    }
+    searching_ = searching();
+  }
+
+  // Has what an event will look up brought into the cache: with many markers, that is all over the image.
+  [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
+    if (!lines_.sensor_size().contains(event.x, event.y)) return;
+    if constexpr (requires { filter_.prefetch(event); }) filter_.prefetch(event);
+    lines_.prefetch(event);
   }
 
   // Counts, filters and remembers the event; false if it is discarded.
-  bool enter(const Event& event) {
+  [[gnu::always_inline]] bool enter(const Event& event) {
     ++statistics_.events;
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
@@ -249,9 +260,8 @@ class TrackerCore {
     });
   }
 
-  // Whether the id is being tracked where it was found. A tracker that has had no event while its marker is seen
-  // elsewhere has lost it: nothing moved where it waits; nor has one whose events are of a time to come, before the
-  // camera was started anew. One that was never confirmed has followed something else.
+  // Whether the id is being tracked where it was found. A marker that was silent while it is seen elsewhere is lost:
+  // nothing moved where its tracker waits. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
     if (const FoundMarker<Rule>* const candidate = candidates_.find(detection.id)) {
       if (same_place(detection, candidate->tracker().T_camera_marker(), lines_.focal_length())) return true;
@@ -260,11 +270,7 @@ class TrackerCore {
     }
     FoundMarker<Rule>* const marker = markers_.find(detection.id);
     if (marker == nullptr) return false;
-    const Timestamp seen = marker->tracker().estimate().t;
-    constexpr std::uint64_t kRestart_us = 1000000;
-    const bool silent = seen < detection.t ? elapsed_us(seen, detection.t) >
-                                                 static_cast<std::uint64_t>(settings_.detection_interval.count())
-                                           : elapsed_us(detection.t, seen) > kRestart_us;
+    const bool silent = marker->silent_until(detection.t, settings_.detection_interval);
     if (!silent || same_place(detection, marker->tracker().T_camera_marker(), lines_.focal_length())) return true;
     deliver(marker->tracker().lose());
     markers_.erase(detection.id);
@@ -281,8 +287,8 @@ class TrackerCore {
   Candidates<Rule> candidates_;
   std::vector<FoundMarker<Rule>> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
-  std::vector<std::size_t> order_;  // of them, by time
-  bool searching_ = true;           // as of the last check
+  ByTime by_time_;
+  bool searching_ = true;  // as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
   TrackerStatistics statistics_;

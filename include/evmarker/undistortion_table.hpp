@@ -46,10 +46,10 @@ class UndistortionTable {
   const Eigen::Vector2d& high() const noexcept { return high_; }
 
   /// M = (m; 1) of Eq. (2) for an event on the sensor; NaN where the lens model has no inverse.
-  Eigen::Vector2d operator()(const Event& event) const noexcept {
-    const auto pixel = static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
-    return (*lines_)[pixel].cast<double>();
-  }
+  Eigen::Vector2d operator()(const Event& event) const noexcept { return (*lines_)[pixel(event)].cast<double>(); }
+
+  /// Has the line of sight of an event on the sensor brought into the cache.
+  void prefetch(const Event& event) const noexcept { __builtin_prefetch(&(*lines_)[pixel(event)]); }
 
   /// Far from every marker.
   static Eigen::Vector2d nowhere() noexcept {
@@ -57,6 +57,10 @@ class UndistortionTable {
   }
 
  private:
+  std::size_t pixel(const Event& event) const noexcept {
+    return static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
+  }
+
   SensorSize size_;
   double focal_length_;
   Eigen::Vector2d low_ = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());

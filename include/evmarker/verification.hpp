@@ -105,6 +105,11 @@ class Verification {
     start(forward);
   }
 
+  /// Whether so many events may bring a way back to its end, without an update of the forward tracker.
+  bool ends_within(std::size_t events) const noexcept {
+    return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
+  }
+
   /// Whether the error is within the thresholds, or within nine times what one has to expect. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
     return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
