@@ -358,8 +358,9 @@ TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed ra
     writer.write(event);
   }
   writer.close();
-  const Result result = run(folder, "replay triggers.raw" + kOptions +
-                                        " --speed 0.25 --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
+  const Result result =
+      run(folder, "replay triggers.raw" + kOptions +
+                      " --speed 0.25 --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
   REQUIRE_MESSAGE(result.code == 0, result.err);
   REQUIRE(next > 500000);
   CHECK(read_file(folder / "t.csv") == triggers);

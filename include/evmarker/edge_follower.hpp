@@ -107,6 +107,9 @@ class EdgeFollower {
     return end;
   }
 
+  /// How many matched events are still needed for the next update.
+  std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
+
   /// Goes on from another pose, with what the rule has learned so far.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "evmarker/cell_lattice.hpp"
+#include "evmarker/lattice_correspondence.hpp"
 #include "evmarker/lattice_lanes.hpp"
 #include "evmarker/projected_lattice.hpp"
 #include "evmarker/segment_matcher.hpp"
@@ -23,6 +24,8 @@ namespace evmarker {
 /// within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
 class LatticeMatcher {
  public:
+  using Stretch = CellLattice::Stretch;
+
   /// @throws std::invalid_argument like SegmentMatcher
   LatticeMatcher(MarkerModel model, double focal_length, SegmentMatcherSettings settings = {})
       : segments_(std::move(model), focal_length, settings),
@@ -79,7 +82,7 @@ class LatticeMatcher {
   /// What an event matches on the lattice, and where.
   struct Choice {
     MatchResult result = MatchResult::matched;
-    const CellLattice::Stretch* edge = nullptr;  ///< of a matched event
+    const Stretch* edge = nullptr;  ///< of a matched event
   };
 
   /// The same without what it means in space, while `on_lattice()`.
@@ -126,32 +129,13 @@ class LatticeMatcher {
   }
 
   /// What it means in space that an event matches an edge, at the present pose.
-  [[gnu::always_inline]] MatchResult correspond(const CellLattice::Stretch& edge, const Eigen::Vector2d& m,
-                                                Correspondence& c) const noexcept {
-    const auto [E, F, exists] = projected_.nearest_points(edge.coordinate, edge.line, edge.begin, edge.end, m);
-    if (!exists) return MatchResult::near;  // the edge points at the camera: no constraint
-    const Eigen::Index i = edge.coordinate;
-    const auto& rows = projected_.rows();
-    const auto& row_w = projected_.row_w();
-    const double n_x = rows(i, 0) - edge.line * row_w.x(), n_y = rows(i, 1) - edge.line * row_w.y(),
-                 n_z = rows(i, 2) - edge.line * row_w.z();
-    const double toward_dark = edge.dark / std::sqrt(n_x * n_x + n_y * n_y);
-    const double distance = n_x * m.x() + n_y * m.y() + n_z;
-    c.segment = edge.segment;
-    c.distance_px = focal_length_ * toward_dark * distance;  // Eq. (1)
-    c.squared_px = c.distance_px * c.distance_px;
-    c.normal = {toward_dark * n_x, toward_dark * n_y};
-    c.dark_side_known = true;
-    c.M = {m.x(), m.y(), 1};
-    c.E = E;
-    c.F = F;
-    const double inverse_z = 1 / E.z(), scale = focal_length_ * inverse_z;
-    c.gradient = {scale * c.normal.x(), scale * c.normal.y(),
-                  -scale * inverse_z * (c.normal.x() * E.x() + c.normal.y() * E.y())};
-    return MatchResult::matched;
+  [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, const Eigen::Vector2d& m,
+                                                Correspondence& correspondence) const noexcept {
+    return evmarker::correspond(projected_, edge, m, focal_length_, correspondence) ? MatchResult::matched
+                                                                                    : MatchResult::near;
   }
 
-  const CellLattice::Stretch& stretch(int number) const noexcept { return lattice_->stretches()[number]; }
+  const Stretch& stretch(int number) const noexcept { return lattice_->stretches()[number]; }
   const ProjectedLattice& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
@@ -183,7 +167,6 @@ class LatticeMatcher {
   using Sight = ProjectedLattice::Sight;
   using Lines = ProjectedLattice::Lines;
   using Line = ProjectedLattice::Line;
-  using Stretch = CellLattice::Stretch;
 
   MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
     Correspondence found;  // not the caller's: that one need not be in memory

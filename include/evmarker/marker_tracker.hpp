@@ -105,15 +105,13 @@ class MarkerTracker {
         const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
         return std::pair(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t);
       });
+      const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
+        if (const PoseEstimate* const pose = note(to_event(events[i]), result)) use(*pose);
+        return state() != TrackingState::lost;
+      };
       std::size_t taken = 0;
-      while (taken < group.count() && follower_.in_groups() && pose_.quality.state != TrackingState::lost) {
-        taken = follower_.push(
-            group, taken, [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
-              const PoseEstimate* const pose = note(to_event(events[i]), result);
-              if (pose) use(*pose);
-              return pose_.quality.state != TrackingState::lost;
-            });
-      }
+      while (taken < group.count() && follower_.in_groups() && state() != TrackingState::lost)
+        taken = follower_.push(group, taken, after);
       events = events.subspan(taken);
     }
   }
@@ -176,8 +174,8 @@ class MarkerTracker {
   /// Whether no so many events, whatever they are, move it, lose it, or change whether it is `reliable`.
   bool stays(std::size_t events) const noexcept {
     if (events == 0 || state() == TrackingState::lost) return true;
-    return !capturing_ && collected_ + events < static_cast<std::size_t>(settings_.events_per_update) &&
-           !verification_.ends_within(events) && matched_fraction_.keeps_side(settings_.min_matched_fraction, events) &&
+    return !capturing_ && events < follower_.until_update() && !verification_.ends_within(events) &&
+           matched_fraction_.keeps_side(settings_.min_matched_fraction, events) &&
            matched_fraction_.keeps_side(least_reliable_fraction(), events);
   }
 
@@ -197,11 +195,9 @@ class MarkerTracker {
 
     matched_fraction_.add(match == MatchResult::matched || match == MatchResult::ambiguous);
     if (match == MatchResult::matched) coverage_.add(segment);
-    collected_ += match == MatchResult::matched;
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) note(*error);
     if (updated) {
-      collected_ = 0;
       matched_ += follower_.last_update().matched;
       pose_.quality.updated_t = t_;
       if (pose_.quality.state == TrackingState::converging)
@@ -294,8 +290,7 @@ class MarkerTracker {
   bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  std::size_t collected_ = 0;  // matched since then, or fewer: the follower may have begun anew
-  Misfit misfit_;              // of the converging updates
+  Misfit misfit_;                                                        // of the converging updates
   MatchedFraction matched_fraction_{settings_.matched_fraction_events};  // of the events on or near the wireframe
 };
 

@@ -2,7 +2,7 @@
 // Floor 3. What an update rule must offer: how matched events move the pose.
 #include <concepts>
 
-#include "evmarker/correspondences.hpp"
+#include "evmarker/correspondence.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/segment_matcher.hpp"
 

@@ -9,24 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/correspondence.hpp"
 #include "evmarker/marker_model.hpp"
 
 namespace evmarker {
-
-/// An event and the point of the model that is assumed to have made it. Points are in the camera frame [m].
-struct Correspondence {
-  Timestamp t = 0;                              ///< of the event [us]
-  int segment = 0;                              ///< index into MarkerModel::segments
-  double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
-  double squared_px = 0;                        ///< `distance_px` squared
-  Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
-  bool dark_side_known = false;                 ///< whether `normal` points to the dark side
-  Eigen::Vector3d gradient{0, 0, 0};            ///< how far the edge's point E moves along `normal`, by E [px/m]
-  Eigen::Vector3d M = Eigen::Vector3d::Zero();  ///< line of sight, Eq. (2)
-  Eigen::Vector3d F = Eigen::Vector3d::Zero();  ///< point on the line of sight, Eq. (3)
-  Eigen::Vector3d E = Eigen::Vector3d::Zero();  ///< point on the segment, Eq. (4)
-};
 
 struct SegmentMatcherSettings {
   double max_distance_px = 2;  ///< Eq. (1): farther events are discarded

@@ -99,7 +99,7 @@ class TrackedMarkers {
   bool any_lost() const noexcept { return std::ranges::any_of(markers_, &FoundMarker<Rule>::lost); }
 
  private:
-  // Events of one marker. Small, so that those of many markers fit the first level cache: two of the largest groups.
+  // Events of one marker: a group. Small, so that those of many markers fit the first level cache.
   class Inbox {
    public:
     void push(const Event& event) noexcept { events_[count_++] = event; }
@@ -108,7 +108,7 @@ class TrackedMarkers {
     std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
 
    private:
-    std::array<Event, 2 * EventGroup::kMost> events_{};
+    std::array<Event, EventGroup::kMost> events_{};
     std::size_t count_ = 0;
   };
 
