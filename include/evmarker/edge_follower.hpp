@@ -49,7 +49,6 @@ class EdgeFollower {
         T_camera_marker_(T_camera_marker),
         added_together_(GroupUpdateRule<Rule> && settings.events_per_update >= kFewestTogether &&
                         !settings.polarity_check),
-        moves_at_most_(std::max(1, kOldestChoice / std::max(1, settings.events_per_update))),
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
@@ -59,6 +58,9 @@ class EdgeFollower {
       throw std::invalid_argument("polarity_check_px_s is " + std::to_string(polarity_check_px_s_));
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
+    for (const MarkerSegment& segment : matcher_.model().segments)
+      edge_length_m_ += (vertex(segment.to) - vertex(segment.from)).norm();
+    limit_moves();
   }
 
   struct Result {
@@ -114,7 +116,7 @@ class EdgeFollower {
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
-    moves_ = 0;
+    limit_moves();
     start_collecting();
   }
 
@@ -143,9 +145,25 @@ class EdgeFollower {
 
  private:
   static constexpr int kFewestTogether = 4;
-  // Matched events for which a pose says which edges the next ones belong to: so few move the marker by a small
-  // fraction of a pixel, however fast it is.
-  static constexpr int kOldestChoice = 32;
+  // The edges that a pose says the next events belong to are kept for so many matched events at most: with those that
+  // do not match, a group.
+  static constexpr double kChoiceHolds = 32;
+  // And while the pose moves no corner farther than this [px]. One that is not smoothed by a motion moves to and fro
+  // more than the marker moves: only a jump means something.
+  static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
+
+  // However fast the marker is: a tenth as many events as its edges are long in the image move it by half a pixel at
+  // most.
+  void limit_moves() noexcept {
+    const double length_px = matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
+    const double events = std::min(kChoiceHolds, length_px / 10);
+    moves_at_most_ = std::max(1, static_cast<int>(events / events_per_update_));
+    moves_ = 0;
+  }
+
+  const Eigen::Vector3d& vertex(int number) const noexcept {
+    return matcher_.model().vertices[static_cast<std::size_t>(number)];
+  }
 
   // How many events should be matched together: those after the last update at which the choices hold would have to be
   // matched again.
@@ -235,8 +253,8 @@ class EdgeFollower {
     }
     const unsigned lookups = matcher_.lookups();
     const bool renew = ++moves_ >= moves_at_most_;
-    in_front_ = renew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_);
-    if (matcher_.lookups() != lookups) moves_ = 0;
+    in_front_ = renew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_, kChoiceHolds_px);
+    if (matcher_.lookups() != lookups) limit_moves();
     expect_motion();
     return true;
   }
@@ -257,7 +275,8 @@ class EdgeFollower {
   LatticeMatches waiting_;
   UpdateStatistics last_update_;
   bool added_together_;
-  int moves_at_most_, moves_ = 0;  // updates since edges were chosen at a new pose
+  double edge_length_m_ = 0;           // of the model
+  int moves_at_most_ = 1, moves_ = 0;  // updates since edges were chosen at a new pose
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;

@@ -37,7 +37,6 @@ class LatticeMatcher {
         match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
         near_reach_(std::hypot(3 * max_distance_, end_margin_)),
         limit2_(max_distance_ * max_distance_),
-        hardly_(max_distance_ / 2),
         // (d + ambiguity)^2 is at most that factor times d^2 and the offset; they meet half way to the maximal
         // distance.
         rival_factor_(1 + 2 * ambiguity_ / max_distance_),
@@ -61,10 +60,11 @@ class LatticeMatcher {
     return on_lattice_ || segments_.project(T_camera_marker);
   }
 
-  /// The same, but if the marker has hardly moved since the last `project`, events go on matching the edges that they
-  /// matched then, where these are now.
-  bool move(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    if (on_lattice_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, hardly_)) [[likely]]
+  /// The same, but events go on matching the edges that they matched at the last `project`, where these are now, if the
+  /// marker has moved less than so far since then.
+  bool move(const Eigen::Isometry3d& T_camera_marker, double pixels) noexcept {
+    if (on_lattice_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, pixels / focal_length_))
+        [[likely]]
       return true;
     return project(T_camera_marker);
   }
@@ -281,7 +281,6 @@ class LatticeMatcher {
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
   double limit2_;                                 // max_distance_ squared
-  double hardly_;                                 // see `move`
   double rival_factor_, rival_offset_;            // the runner-up's squared distance must surely be larger than that
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates

@@ -62,7 +62,7 @@ struct PoseEstimate {
 inline Matrix6d information(const PoseEstimate& pose) noexcept {
   if (!pose.covariance) return Matrix6d::Zero();
   const Eigen::LLT<Matrix6d> root(*pose.covariance);
-  const Matrix6d inverse = root.solve(Matrix6d::Identity());
+  const Matrix6d solved = root.solve(Matrix6d::Identity()), inverse = solved.selfadjointView<Eigen::Lower>();
   return root.info() == Eigen::Success && inverse.allFinite() ? inverse : Matrix6d::Zero();
 }
 

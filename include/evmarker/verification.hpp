@@ -30,7 +30,8 @@ struct BacktrackError {
   double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
   double angle_rad = 0;       ///< the geodesic angle between the two rotations
-  double expected_px = 0;  ///< sums of the standard deviations that the rule itself states; zero where it states none
+  /// Sums of the standard deviations that the rule itself states of both poses; zero where it states none.
+  double expected_px = 0;
   double expected_rad = 0;
 };
 
@@ -110,19 +111,21 @@ class Verification {
     return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
   }
 
-  /// Whether the error is within the thresholds, or within nine times what one has to expect. False for NaN.
+  /// Whether the error is within the thresholds, or within six times what one has to expect. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
     return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
            error.rotation_rad <= std::max(settings_.max_rotation_rad, kExpected * error.expected_rad);
   }
 
  private:
-  static constexpr double kExpected = 9;        // standard deviations
+  static constexpr double kExpected = 6;        // standard deviations
   static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
   static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
 
   void start(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
+    expected_start_ = {};
+    expect(forward, expected_start_);
     window_.clear();
     updates_ = 0;
   }
@@ -134,8 +137,7 @@ class Verification {
     backward_ = forward;
     backward_.reverse();
     T_past_start_ = T_start_;
-    expected_ = {};
-    expect(forward, expected_);
+    expected_past_start_ = expected_start_;
   }
 
   // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
@@ -167,17 +169,19 @@ class Verification {
     if (steps_left_ > 0) return std::nullopt;
     BacktrackError error =
         backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
-    error.expected_px = expected_.expected_px;
-    error.expected_rad = expected_.expected_rad;
+    expect(backward_, error);
+    error.expected_px = std::hypot(error.expected_px, expected_past_start_.expected_px);
+    error.expected_rad = std::hypot(error.expected_rad, expected_past_start_.expected_rad);
     return error;
   }
 
-  // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so.
-  static void expect(const EdgeFollower<Rule>& forward, BacktrackError& error) noexcept {
+  // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so. And so is where it is
+  // after a rest.
+  static void expect(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
-      const Vector6d sigma = forward.rule().covariance().diagonal().cwiseSqrt();
-      const double depth = forward.T_camera_marker().translation().z();
-      error.expected_px = sigma.head<2>().sum() * forward.matcher().focal_length() / depth;
+      const Vector6d sigma = follower.rule().covariance().diagonal().cwiseSqrt();
+      const double depth = follower.T_camera_marker().translation().z();
+      error.expected_px = sigma.head<2>().sum() * follower.matcher().focal_length() / depth;
       error.expected_rad = sigma.tail<3>().sum();
     }
   }
@@ -188,7 +192,7 @@ class Verification {
   std::size_t steps_left_ = 0;  // of it
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
-  BacktrackError expected_;
+  BacktrackError expected_start_, expected_past_start_;
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
