@@ -156,8 +156,8 @@ class EdgeFollower {
   // most.
   void limit_moves() noexcept {
     const double length_px = matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
-    const double events = std::min(kChoiceHolds, length_px / 10);
-    moves_at_most_ = std::max(1, static_cast<int>(events / events_per_update_));
+    const double updates = std::min(kChoiceHolds, length_px / 10) / events_per_update_;
+    moves_at_most_ = updates > 1 ? static_cast<int>(updates) : 1;
     moves_ = 0;
   }
 
