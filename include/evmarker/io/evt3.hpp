@@ -79,18 +79,12 @@ class Evt3Decoder {
   std::size_t decode_timed(const std::byte* at, const std::byte* end, Event* const begin,
                            std::vector<TriggerEvent>& triggers) {
     Event* out = begin;
-    Event* emitted = begin;  // events before this one have been compared with their predecessor's time
     std::uint32_t y = y_, row_width = row_width_, base = base_, high = high_word_;
     std::int16_t base_p = base_p_;
     Timestamp t = t_, last = last_;
-    std::uint64_t off_sensor = 0;
+    const auto width = static_cast<std::uint32_t>(size_.width), height = static_cast<std::uint32_t>(size_.height);
+    std::uint64_t off_sensor = 0, steps_back = 0;
 
-    const auto settle_time = [&] {
-      const bool any = out != emitted;
-      statistics_.time_steps_back += any && t < last ? 1U : 0U;
-      last = any ? t : last;
-      emitted = out;
-    };
     const auto emit_vector = [&](std::uint32_t mask, std::uint32_t length) {
       if (base + length > row_width) [[unlikely]] {
         const std::uint32_t visible = base < row_width ? mask & ((1U << (row_width - base)) - 1U) : 0;
@@ -103,45 +97,49 @@ class Evt3Decoder {
     };
 
     for (; at != end; at += kWordBytes) {
-      const std::uint32_t word = load_word<std::uint16_t>(at), payload = word & 0xFFFU;
-      switch (static_cast<Evt3Word>(word >> 12U)) {
-        case Evt3Word::addr_y:
-          y = payload & 0x7FFU;
-          row_width = static_cast<int>(y) < size_.height ? static_cast<std::uint32_t>(size_.width) : 0;
-          break;
-        case Evt3Word::addr_x: {
-          const std::uint32_t x = payload & 0x7FFU, visible = x < row_width ? 1U : 0U;
-          *out = make_event(x, y, static_cast<std::int16_t>(payload >> 11U), t);
-          out += visible;
-          off_sensor += 1U - visible;
-          break;
-        }
+      const std::uint32_t word = load_word<std::uint16_t>(at), payload = word & 0xFFFU, address = word & 0x7FFU;
+      const auto type = static_cast<Evt3Word>(word >> 12U);
+      // Which of these three comes next cannot be foreseen: no branch between them.
+      const bool row = type == Evt3Word::addr_y, column = type == Evt3Word::addr_x, low = type == Evt3Word::time_low;
+      if (row | column | low) [[likely]] {
+        y = row ? address : y;
+        row_width = row ? (address < height ? width : 0) : row_width;
+        t = low ? (t & ~Timestamp{0xFFF}) | payload : t;
+        *out = make_event(address, y, static_cast<std::int16_t>(payload >> 11U), t);
+        const bool visible = column & (address < row_width);
+        out += visible ? 1 : 0;
+        off_sensor += column & !visible ? 1U : 0U;
+        continue;
+      }
+      switch (type) {
         case Evt3Word::vect_base_x:
-          base = payload & 0x7FFU;
+          base = address;
           base_p = static_cast<std::int16_t>(payload >> 11U);
           break;
         case Evt3Word::vect_12: emit_vector(payload, 12); break;
         case Evt3Word::vect_8: emit_vector(payload & 0xFFU, 8); break;
-        case Evt3Word::time_low:
-          settle_time();
-          t = (t & ~Timestamp{0xFFF}) | payload;
-          break;
         case Evt3Word::time_high:
           if (payload == high) break;  // repeated: the low part goes on
-          settle_time();
           t = time_high_.unroll(high = payload) * 4096;
           break;
         case Evt3Word::trigger:
           ++statistics_.triggers;
           triggers.push_back({static_cast<int>((payload >> 8U) & 0xFU), (payload & 1U) != 0, t});
           break;
+        case Evt3Word::addr_y:
+        case Evt3Word::addr_x:
+        case Evt3Word::time_low:
         case Evt3Word::continued_4:
         case Evt3Word::others:
         case Evt3Word::continued_12: break;
         default: ++statistics_.unknown_words;
       }
     }
-    settle_time();
+    for (const Event* event = begin; event != out; ++event) {
+      steps_back += event->t < last ? 1U : 0U;
+      last = event->t;
+    }
+    statistics_.time_steps_back += steps_back;
     y_ = y, row_width_ = row_width, base_ = base, high_word_ = high;
     base_p_ = base_p;
     t_ = t, last_ = last;
