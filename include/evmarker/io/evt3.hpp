@@ -108,7 +108,7 @@ class Evt3Decoder {
         *out = make_event(address, y, static_cast<std::int16_t>(payload >> 11U), t);
         const bool visible = column & (address < row_width);
         out += visible ? 1 : 0;
-        off_sensor += column & !visible ? 1U : 0U;
+        off_sensor += (column & !visible) ? 1U : 0U;
         continue;
       }
       switch (type) {
