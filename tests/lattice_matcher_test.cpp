@@ -86,6 +86,7 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   const LatticeMatcher::Choice careful = lattice.choose(m);
   if (careful.result != result) return false;
   if (stretch == LatticeMatcher::Choices::kFar) return result == MatchResult::far;
+  if (stretch == LatticeMatcher::Choices::kNear) return result == MatchResult::near;
   if (stretch != LatticeMatcher::Choices::kUnsure && &lattice.stretch(stretch) != careful.edge) return false;
   if (result != MatchResult::matched) return stretch == LatticeMatcher::Choices::kUnsure;
 

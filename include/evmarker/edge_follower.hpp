@@ -98,10 +98,10 @@ class EdgeFollower {
       const int stretch = choices.stretch[i - first];
       if (stretch >= 0) [[likely]]
         choice.edge = &matcher_.stretch(stretch);
-      else if (stretch == LatticeMatcher::Choices::kFar)
-        choice.result = MatchResult::far;
+      else if (stretch != LatticeMatcher::Choices::kUnsure)
+        choice.result = stretch == LatticeMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
       else
-        choice = matcher_.choose(m);
+        choice = matcher_.choose_carefully(m);
       const Result result = take(m, events.t[i], std::nullopt, choice);
       const bool go_on = after(i, result);
       if (!go_on || (result.updated && moves_ == 0)) return i + 1;

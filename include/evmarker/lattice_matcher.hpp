@@ -72,9 +72,8 @@ class LatticeMatcher {
   unsigned lookups() const noexcept { return lookups_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
-  [[gnu::always_inline]] MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) [[unlikely]]
-      return search(m, correspondence);
+  MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
+    if (!on_lattice_) return segments_.match(m, correspondence);
     const Choice choice = choose(m);
     return choice.result == MatchResult::matched ? correspond(*choice.edge, m, correspondence) : choice.result;
   }
@@ -96,9 +95,15 @@ class LatticeMatcher {
     return choose_carefully(sight, lines);
   }
 
+  /// The same, for an event that is known not to be far and not to be surely beside one edge.
+  Choice choose_carefully(const Eigen::Vector2d& m) const noexcept {
+    const Sight sight = lookup_.sight(m);
+    return choose_carefully(sight, lookup_.nearest_lines(sight));
+  }
+
   /// For each of many events the number of the stretch that it matches, or one of these.
   struct Choices {
-    static constexpr int kUnsure = -1, kFar = -2;  ///< ask `choose` again; far from everything
+    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: ask `choose_carefully`
     static constexpr std::size_t kMost = LatticeLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
@@ -117,11 +122,13 @@ class LatticeMatcher {
           const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);
           const double x_most = larger(lines.squared[0][i], stretches[x].at_most);
           const double y_most = larger(lines.squared[1][i], stretches[y].at_most), best = smaller(y_most, x_most);
-          const double other = larger(larger(lines.squared[0][i], stretches[x].at_least),
-                                      larger(lines.squared[1][i], stretches[y].at_least));
+          const double x_least = larger(lines.squared[0][i], stretches[x].at_least);
+          const double y_least = larger(lines.squared[1][i], stretches[y].at_least);
           int choice = y_most < x_most ? y : x;
           choice = best <= limit2 ? choice : Choices::kUnsure;
-          choice = other > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
+          choice = larger(x_least, y_least) > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
+          const int no_match = best <= 9 * limit2 ? Choices::kNear : Choices::kUnsure;
+          choice = smaller(x_least, y_least) > limit2 ? no_match : choice;
           choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
           choices.stretch[i] = lines.within[i] > 0.5 ? choice : Choices::kFar;
         }
@@ -168,13 +175,6 @@ class LatticeMatcher {
   using Lines = ProjectedLattice::Lines;
   using Line = ProjectedLattice::Line;
 
-  MatchResult search(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    Correspondence found;  // not the caller's: that one need not be in memory
-    const MatchResult result = segments_.match(m, found);
-    if (result == MatchResult::matched) correspondence = found;
-    return result;
-  }
-
   // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
   // ends. No branch before the last, and that one can be foreseen. False for anything else.
   [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
@@ -203,12 +203,12 @@ class LatticeMatcher {
   // All other events: near two edges, an end of one, or none.
   [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
     const Eigen::Index first = lines.squared.y() < lines.squared.x(), second = 1 - first;
-    if (!(lines.squared(first) <= limit2_)) return {near_or_far(sight)};
+    if (!(lines.squared(first) <= limit2_)) return {near_or_far(sight, lines)};
     const Place place = place_on(ProjectedLattice::line(lines, first));
     if (!place.edge) {
-      if (!(lines.squared(second) <= limit2_)) return {near_or_far(sight)};
+      if (!(lines.squared(second) <= limit2_)) return {near_or_far(sight, lines)};
       const Place other = place_on(ProjectedLattice::line(lines, second));
-      if (!other.edge) return {near_or_far(sight)};
+      if (!other.edge) return {near_or_far(sight, lines)};
       return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
     const double rival = std::sqrt(lines.squared(first)) + ambiguity_;
@@ -247,14 +247,14 @@ class LatticeMatcher {
   static const Stretch* on(const Stretch& stretch) noexcept { return stretch.dark != 0 ? &stretch : nullptr; }
 
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
-  [[gnu::noinline]] MatchResult near_or_far(const Sight& sight) const noexcept {
+  [[gnu::noinline]] MatchResult near_or_far(const Sight& sight, const Lines& lines) const noexcept {
+    const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && place_on(line).edge; };
+    if (beside(ProjectedLattice::line(lines, 0)) || beside(ProjectedLattice::line(lines, 1))) return MatchResult::near;
     for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
       const double to = std::min(lookup_.cells(), sight.a(coordinate) / sight.w + fringe_);
-      for (double k = from; k <= to; ++k) {
-        const Line line = lookup_.line(coordinate, k, sight);
-        if (line.squared < 9 * limit2_ && place_on(line).edge) return MatchResult::near;
-      }
+      for (double k = from; k <= to; ++k)
+        if (beside(lookup_.line(coordinate, k, sight))) return MatchResult::near;
     }
     return MatchResult::far;
   }
