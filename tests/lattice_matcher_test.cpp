@@ -67,6 +67,8 @@ bool agree(const Correspondence& a, const Correspondence& b) {
          (a.F - b.F).norm() < 1e-9 * a.F.norm() && (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
 }
 
+int near_in_groups = 0;  // answers of that kind
+
 // Whether the event, at a random place among others, gets the same answer, in lanes and with what it means in space.
 bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult result,
                    const Correspondence& expected) {
@@ -86,6 +88,7 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   const LatticeMatcher::Choice careful = lattice.choose(m);
   if (careful.result != result) return false;
   if (stretch == LatticeMatcher::Choices::kFar) return result == MatchResult::far;
+  near_in_groups += stretch == LatticeMatcher::Choices::kNear;
   if (stretch == LatticeMatcher::Choices::kNear) return result == MatchResult::near;
   if (stretch != LatticeMatcher::Choices::kUnsure && &lattice.stretch(stretch) != careful.edge) return false;
   if (result != MatchResult::matched) return stretch == LatticeMatcher::Choices::kUnsure;
@@ -187,6 +190,7 @@ TEST_CASE("every event is matched as by the search over all segments: near, tilt
     CHECK(tally.ambiguous > 10000);
     CHECK(tally.near > 100000);
     CHECK(tally.far > 50000);
+    CHECK(near_in_groups > 10000);
   }
 }
 
@@ -262,6 +266,43 @@ TEST_CASE("no event matches without a pose, a line of sight or a marker in front
     }
   REQUIRE(matcher.project(ahead));  // and comes back
   CHECK(matcher.match(on_edge, c) == MatchResult::matched);
+}
+
+TEST_CASE("a matcher that has hardly moved keeps its choices, and says where these edges are now") {
+  Random random(12);
+  const MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
+  const double focal_length = 533, pixel = 0.6 / focal_length;
+  Isometry3d T = random_pose(random, 0.6, 0.2, false);
+  T.translation() = Vector3d(0, 0, 0.6);
+  LatticeMatcher lattice(model, focal_length);
+  SegmentMatcher segments(model, focal_length);
+  REQUIRE(lattice.project(T));
+  REQUIRE(lattice.on_lattice());
+  const LatticeMatcher before = lattice;
+  Isometry3d moved = T;
+  moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
+  REQUIRE(lattice.move(moved, 0.5));
+  CHECK(lattice.lookups() == before.lookups());
+  REQUIRE(segments.project(moved));
+  int kept = 0, where_it_is = 0;
+  for (int i = 0; i < 4000; ++i) {
+    const Vector3d P = T * Vector3d(random(-0.055, 0.055), random(-0.055, 0.055), 0);
+    const Vector2d m = P.head<2>() / P.z();
+    Correspondence found, then, now;
+    const MatchResult result = lattice.match(m, found);
+    REQUIRE(result == before.match(m, then));
+    if (result != MatchResult::matched) continue;
+    REQUIRE(found.segment == then.segment);
+    ++kept;
+    if (segments.match(m, now) != MatchResult::matched || now.segment != found.segment) continue;
+    REQUIRE(agree(found, now));
+    where_it_is += std::abs(now.distance_px - then.distance_px) > 0.1;
+  }
+  CHECK(kept > 500);
+  CHECK(where_it_is > 500);
+  moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
+  REQUIRE(lattice.move(moved, 0.5));
+  CHECK(lattice.lookups() == before.lookups() + 1);
 }
 
 TEST_CASE("a wireframe without a lattice is matched by the search over all segments") {

@@ -41,8 +41,8 @@ class MeasurementUpdate {
 
  private:
   using Column = Pack<12, kBits>;
-  // One of each measurement, those from kCount on mean nothing. A single one is read as it was written: read as a
-  // whole vector, it would have to wait until it has left for memory.
+  // A number of each measurement. One or two are read as they were written: read as a whole vector, they would have to
+  // wait until they have left for memory.
   using Each = Pack<kCount, (kCount > 2 ? kBits : 64)>;
 
   static constexpr std::size_t kPose = 6, kOffset = 6, kMeasured = 7;  // places in a row
