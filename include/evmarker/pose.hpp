@@ -30,9 +30,37 @@ constexpr const char* to_string(TrackingState state) noexcept {
   return "?";
 }
 
+/// Why a marker was lost.
+enum class LossReason {
+  none,            ///< it is not lost
+  hidden,          ///< edges that move make no events
+  left_image,      ///< half of it is out of the image, or behind the camera
+  inconsistent,    ///< too few of the events near it fit its edges
+  verification,    ///< tracking backwards did not lead back, Eqs. (13), (14)
+  replaced,        ///< a detection shows it elsewhere
+  events_missing,  ///< events were dropped for longer than its motion could be predicted
+  not_confirmed    ///< it never came to be `tracking`
+};
+
+constexpr const char* to_string(LossReason reason) noexcept {
+  switch (reason) {
+    case LossReason::none: return "none";
+    case LossReason::hidden: return "hidden";
+    case LossReason::left_image: return "left_image";
+    case LossReason::inconsistent: return "inconsistent";
+    case LossReason::verification: return "verification";
+    case LossReason::replaced: return "replaced";
+    case LossReason::events_missing: return "events_missing";
+    case LossReason::not_confirmed: return "not_confirmed";
+  }
+  return "?";
+}
+
 /// How well the events agree with the pose.
 struct TrackingQuality {
   TrackingState state = TrackingState::converging;
+  double health = 0;  ///< probability that the marker is where the pose says, by the evidence so far
+  LossReason loss_reason = LossReason::none;
   int matched = 0;         ///< events that took part in this update
   int offered = 0;         ///< events that fell on or near the marker since the last update
   double residual_px = 0;  ///< root mean square distance of the matched events to their edges [px]
