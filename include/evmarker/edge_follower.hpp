@@ -112,10 +112,14 @@ class EdgeFollower {
     return end;
   }
 
-  /// How many events a pixel makes while an edge passes over it, as far as that has been seen: see
-  /// EdgeFollowerSettings::events_per_update.
+  /// Takes note of how many events a pixel makes while an edge passes over it: see
+  /// EdgeFollowerSettings::events_per_update. Between updates only.
   void expect_events_per_px2(double events) noexcept {
-    if (MotionEstimatingRule<Rule>) events_per_px2_ = events;
+    if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
+      if (std::exchange(events_per_px2_, events) > 0) return;
+      rule_.expect_events_per_px2(T_camera_marker_, events);
+      start_from(T_camera_marker_);
+    }
   }
   int events_per_update() const noexcept { return events_per_update_; }
 
@@ -291,7 +295,7 @@ class EdgeFollower {
 
   int events_per_update_;
   bool automatic_;
-  double events_per_px2_ = 1;
+  double events_per_px2_ = 0;  // 0: not known
   LatticeMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;

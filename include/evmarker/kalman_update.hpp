@@ -144,9 +144,24 @@ class KalmanUpdate {
     perturb(T_camera_marker, step);
     twist_ = twist;
     lead_s_ = lead_s;
-    bias_px_[kOffset] += error.b[kOffset];
-    bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);  // no event comes before its edge
+    correct_biases(error);
     return true;
+  }
+
+  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail: half a step of the
+  /// contrast, of an edge that is blurred to about two pixels. Events that have not led to an update are forgotten.
+  void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
+    forget_events();
+    const double trail_px = kEdgeWidth_px / (2 * events), sigma_px = 0.5 * trail_px;
+    MeasurementRow row = MeasurementRow::Zero();
+    row(6 + kTrail) = 1;
+    row(6 + kBiases) = trail_px - bias_px_[kTrail];
+    measurements_.add(row, 1);
+    ErrorState error;
+    if (measurements_.correct(P_, error, 1 / squared(sigma_px))) correct_biases(error);
+    perturb(T_camera_marker, error.x.head<6>());
+    twist_ += error.x.tail<6>();
+    forget_events();
   }
 
   /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
@@ -193,6 +208,7 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
+  static constexpr double kEdgeWidth_px = 2.1;  // of a lens in focus, point spread 0.6 px
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
@@ -200,6 +216,11 @@ class KalmanUpdate {
   void forget_events() noexcept {
     measurements_.clear();
     sums_ = {};
+  }
+
+  void correct_biases(const ErrorState& error) noexcept {
+    bias_px_[kOffset] += error.b[kOffset];
+    bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);  // no event comes before its edge
   }
 
   void average(int count) noexcept {
