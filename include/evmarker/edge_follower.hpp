@@ -116,6 +116,7 @@ class EdgeFollower {
   /// EdgeFollowerSettings::events_per_update. Between updates only.
   void expect_events_per_px2(double events) noexcept {
     if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
+      rule_.set_events_per_px(events * length_px());
       if (std::exchange(events_per_px2_, events) > 0) return;
       rule_.expect_events_per_px2(T_camera_marker_, events);
       start_from(T_camera_marker_);
@@ -171,7 +172,7 @@ class EdgeFollower {
   // Called where nothing has been collected. However fast the marker is: a tenth as many events as its edges are long in
   // the image move it by half a pixel at most.
   void limit_moves() noexcept {
-    const double length_px = matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
+    const double length_px = this->length_px();
     if (automatic_) {
       const double events = std::clamp(kMotion_px * std::max(events_per_px2_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
       // Not for every small change of the distance.
@@ -180,6 +181,11 @@ class EdgeFollower {
     const double updates = std::min(kChoiceHolds, length_px / 10) / events_per_update_;
     moves_at_most_ = updates > 1 ? static_cast<int>(updates) : 1;
     moves_ = 0;
+  }
+
+  // Of all edges, as if seen from the front.
+  double length_px() const noexcept {
+    return matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
   }
 
   void set_events_per_update(int events) noexcept {

@@ -128,7 +128,7 @@ class KalmanUpdate {
     if (count > 0) average(count);
     t_us_ = static_cast<double>(t);
     ErrorState error;
-    error.x.head<6>() = predict(mean_dt);
+    error.x.head<6>() = predict(mean_dt, most_motion(count, dt));
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
@@ -147,6 +147,9 @@ class KalmanUpdate {
     correct_biases(error);
     return true;
   }
+
+  /// From here on, edges that all move by a pixel make so many events: what the events do not say has not moved.
+  void set_events_per_px(double events) noexcept { events_per_px_ = events; }
 
   /// Takes it from how many events a pixel makes while an edge passes over it how far these trail: half a step of the
   /// contrast, of an edge that is blurred to about two pixels. Events that have not led to an update are forgotten.
@@ -170,7 +173,7 @@ class KalmanUpdate {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
-    perturb(T_camera_marker, predict(dt));
+    perturb(T_camera_marker, predict(dt, kInfinity));
   }
 
   void reverse() noexcept {
@@ -282,17 +285,37 @@ class KalmanUpdate {
             tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
   }
 
-  // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
-  // of the pose.
-  Vector6d predict(double after_pose_s) noexcept {
+  // How far the edges can have moved at most while they made so many events, noise among them [m]; no events is a
+  // measurement, too. A velocity that takes them farther is wrong, and as wrong as that it is known.
+  double most_motion(int events, double dt) noexcept {
+    if (!(events_per_px_ > 0 && scales_known_)) return kInfinity;
+    constexpr double kSafety = 6;  // edges along the motion, hidden ones, fewer events of a fast edge
+    const double most = kSafety * (events + 3 * std::sqrt(events)) / (events_per_px_ * std::sqrt(px_per_m2()));
+    const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
+    const double expected = carried(dt) * std::max(speed(rotation_speed()), velocity_sigma);
+    if (expected > most) {
+      const double kept = most / expected;
+      twist_ *= kept;
+      P_.xx.rightCols<6>() *= kept;
+      P_.xx.bottomRows<6>() *= kept;
+      for (Vector12d& column : P_.xb) column.tail<6>() *= kept;
+    }
+    return most;
+  }
+
+  // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up, to so much motion of
+  // the edges at most. Returns the motion of the pose.
+  Vector6d predict(double after_pose_s, double most_motion_m) noexcept {
     const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
     lead_s_ = 0;
     if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
     const Passage passed = passage(dt);
     const double carried = passed.carried, kept = 1 - passed.faded;
     const Noise noise = this->noise(passed);
-    const Vector6d of_pose = noise.along(noise.pose), of_velocity = noise.along(noise.velocity),
-                   of_both = noise.along(std::copysign(noise.pose_velocity, carried));
+    const double most2 = most_motion_m * most_motion_m, unbounded = noise.q_translation * noise.pose;
+    const double bounded = unbounded > most2 ? most2 / unbounded : 1;
+    const Vector6d of_pose = noise.along(bounded * noise.pose), of_velocity = noise.along(noise.velocity),
+                   of_both = noise.along(std::copysign(std::sqrt(bounded) * noise.pose_velocity, carried));
     in_packs([&](auto bits)
                  __attribute__((always_inline)) { P_.predict<bits>(carried, kept, of_pose, of_both, of_velocity); });
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
@@ -305,6 +328,7 @@ class KalmanUpdate {
   ErrorCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
+  double events_per_px_ = 0;               // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
