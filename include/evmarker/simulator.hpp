@@ -13,6 +13,7 @@
 #include "evmarker/event.hpp"
 #include "evmarker/simulation/event_pixel.hpp"
 #include "evmarker/simulation/event_queue.hpp"
+#include "evmarker/simulation/make_pixel.hpp"
 #include "evmarker/simulation/pixel_noise.hpp"
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/simulation/scene_renderer.hpp"
@@ -37,10 +38,11 @@ class Simulator {
     const auto start = renderer_.at(0);
     pixels_.reserve(grid().indices());
     for (std::size_t i = 0; i < grid().indices(); ++i) {
-      pixels_.push_back(make_pixel(i, start));
+      pixels_.push_back(starting_pixel(i, start));
       wake_.push_back(grid().on_sensor(i) ? kNow : kNever);
     }
     drifts_since_us_.assign(grid().indices(), kDriftsNot);
+    if (leaky()) leak_event_us_.assign(grid().indices(), kNotDue);
     tiles_.resize(grid().tiles());
   }
 
@@ -80,8 +82,8 @@ class Simulator {
   static constexpr int kStepsPerSegment = 64;  // at most, of the fastest thing
   static constexpr double kShortestSegmentUs = 10;
   static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // wake distances
-  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
-  static constexpr std::uint64_t kThresholdStream = 1, kNoiseStream = 2, kLatencyStream = 3;
+  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity(), kNotDue = kDriftsNot;
+  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // make_pixel has others
 
   // A stretch of time in which things move in good order, cut into ticks. Frames are made when they are asked for.
   struct Segment {
@@ -97,10 +99,11 @@ class Simulator {
   };
 
   struct Tile {
-    double moved_px = 0;     // sum of its steps' motions
-    float wake_px = kNow;    // the least of its pixels: nothing to do until so much has moved
-    std::uint64_t cast = 0;  // of what was there last
-    bool drifts = false;     // some of its pixels see a moving background
+    double moved_px = 0;             // sum of its steps' motions
+    float wake_px = kNow;            // the least of its pixels: nothing to do until so much has moved
+    std::uint64_t cast = 0;          // of what was there last
+    bool drifts = false;             // some of its pixels see a moving background
+    double leak_event_us = kNotDue;  // when the first of its pixels will fire of its leak
   };
 
   // What one tile has come to within a batch.
@@ -117,16 +120,13 @@ class Simulator {
     return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
   }
 
-  EventPixel make_pixel(std::size_t index, const SceneRenderer::Frame& start) const {
+  EventPixel starting_pixel(std::size_t index, const SceneRenderer::Frame& start) const {
     if (!grid().on_sensor(index)) return {0, 1, 1};
-    Random random(settings_.seed, kThresholdStream, pixel_key(index));
-    const auto threshold = [&](double nominal) {  // a real comparator has no threshold near 0 or below
-      return std::max(nominal / 4, nominal + settings_.threshold_mismatch * random.gaussian());
-    };
-    const double on = threshold(settings_.contrast_threshold_on);
-    const double off = threshold(settings_.contrast_threshold_off);
-    return {std::log(renderer_.sample(start, grid().x(index), grid().y(index)).intensity), on, off};
+    const double light = renderer_.sample(start, grid().x(index), grid().y(index)).intensity;
+    return make_pixel(settings_, pixel_key(index), std::log(light));
   }
+
+  bool leaky() const noexcept { return settings_.leak_hz_per_px > 0; }
 
   // One batch: look ahead how things move, draw the noise, take every tile there in steps of its own, let events out.
   void advance() {
@@ -210,7 +210,9 @@ class Simulator {
       if (recast) step_to(segment, segment.ticks, progress);
     }
     const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
-    if (awake || !progress.noise.empty() || tile.drifts) step_to(segments_.back(), segments_.back().ticks, progress);
+    const bool leaks = tile.leak_event_us < segments_.back().end_us;
+    if (awake || leaks || !progress.noise.empty() || tile.drifts)
+      step_to(segments_.back(), segments_.back().ticks, progress);
     if (tile.moved_px > 1e4) wake(index);  // single precision is fine up to there
   }
 
@@ -230,6 +232,7 @@ class Simulator {
     std::size_t noise_count = 0;
     for (; noise_count < progress.noise.size() && progress.noise[noise_count].t < t; ++noise_count)
       wake_[progress.noise[noise_count].pixel] = kNow;
+    if (leaky()) wake_leaking(progress.tile, t);
 
     Tile& tile = tiles_[progress.tile];
     tile.moved_px += progress.moved_px;
@@ -246,16 +249,34 @@ class Simulator {
       tile.drifts = tile.drifts || drifts_since_us_[i] != kDriftsNot;
     }
     progress = {progress.tile, t, 0, progress.noise.subspan(noise_count)};
+    if (!leaky()) return;
+    const auto due = leak_event_us_.begin() + static_cast<std::ptrdiff_t>(first);
+    tile.leak_event_us = *std::min_element(due, due + TileGrid::kPixelsPerTile);
+  }
+
+  // Pixels that sleep under constant light still have a memory that leaks.
+  void wake_leaking(std::size_t tile, double until_us) {
+    if (!(tiles_[tile].leak_event_us < until_us)) return;
+    const std::size_t first = tile * TileGrid::kPixelsPerTile;
+    for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i)
+      if (leak_event_us_[i] < until_us) wake_[i] = kNow;
+  }
+
+  // The delays of stages in a row add up. Where the light changes, its geometric mean counts.
+  double time_constant_us(double start_log_intensity, double end_log_intensity) const {
+    if (settings_.light_time_constant_us == 0) return settings_.pixel_time_constant_us;
+    const double mean = 0.5 * (start_log_intensity + end_log_intensity);
+    return settings_.pixel_time_constant_us + settings_.light_time_constant_us * std::exp(-mean);
   }
 
   // Returns the distance moved at which the pixel must be looked at again.
   float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
                       std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
-    const EventPixelDynamics dynamics{settings_.pixel_time_constant_us, settings_.refractory_us};
     const auto emit = [&](double t, bool on) { return send(index, t, on); };
     const auto sample = renderer_.sample(next, index, activity_);
     const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
+    const EventPixelDynamics dynamics{time_constant_us(start, end), settings_.refractory_us};
     double t = t0;
     for (const auto& noise : step_noise) {
       if (noise.pixel != index || noise.t <= t) continue;
@@ -266,6 +287,7 @@ class Simulator {
     if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
     drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
     const double moved = tiles_[TileGrid::tile(index)].moved_px;
+    if (leaky()) leak_event_us_[index] = pixel.leak_event_us();
     return pixel.settle() ? static_cast<float>(moved + sample.clearance_px) : kNow;
   }
 
@@ -291,6 +313,7 @@ class Simulator {
   std::vector<EventPixel> pixels_;       // in the order of the grid
   std::vector<float> wake_;              // per pixel: asleep until so much has moved in its tile
   std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
+  std::vector<double> leak_event_us_;    // per pixel, if pixels leak at all: when that will make it fire
   SceneRenderer::Activity activity_, next_activity_;
   PixelNoise noise_;
   EventQueue waiting_;
