@@ -13,10 +13,11 @@
 #include "evmarker/event.hpp"
 #include "evmarker/simulation/event_pixel.hpp"
 #include "evmarker/simulation/event_queue.hpp"
-#include "evmarker/simulation/make_pixel.hpp"
+#include "evmarker/simulation/leak_schedule.hpp"
 #include "evmarker/simulation/pixel_noise.hpp"
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/simulation/scene_renderer.hpp"
+#include "evmarker/simulation/sensor_pixel.hpp"
 #include "evmarker/simulation/simulator_settings.hpp"
 #include "evmarker/simulation/tile_grid.hpp"
 
@@ -34,15 +35,17 @@ class Simulator {
         renderer_(camera, std::move(scene), settings.point_spread_px),
         end_us_(settings.duration_s * 1e6),
         segment_us_(settings.max_step_us),
+        leaks_(grid(), settings.leak_hz_per_px > 0),
         noise_(grid(), settings.noise_hz_per_px, Random(settings.seed, kNoiseStream)) {
     const auto start = renderer_.at(0);
     pixels_.reserve(grid().indices());
     for (std::size_t i = 0; i < grid().indices(); ++i) {
-      pixels_.push_back(starting_pixel(i, start));
-      wake_.push_back(grid().on_sensor(i) ? kNow : kNever);
+      const bool there = grid().on_sensor(i);
+      const double light = there ? renderer_.sample(start, grid().x(i), grid().y(i)).intensity : 1;
+      pixels_.push_back(make_pixel(settings_, pixel_key(i), std::log(light)));
+      wake_.push_back(there ? kNow : kNever);
     }
     drifts_since_us_.assign(grid().indices(), kDriftsNot);
-    if (leaky()) leak_event_us_.assign(grid().indices(), kNotDue);
     tiles_.resize(grid().tiles());
   }
 
@@ -82,8 +85,8 @@ class Simulator {
   static constexpr int kStepsPerSegment = 64;  // at most, of the fastest thing
   static constexpr double kShortestSegmentUs = 10;
   static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // wake distances
-  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity(), kNotDue = kDriftsNot;
-  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // make_pixel has others
+  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
+  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // 1 and 4: of make_pixel
 
   // A stretch of time in which things move in good order, cut into ticks. Frames are made when they are asked for.
   struct Segment {
@@ -99,11 +102,10 @@ class Simulator {
   };
 
   struct Tile {
-    double moved_px = 0;             // sum of its steps' motions
-    float wake_px = kNow;            // the least of its pixels: nothing to do until so much has moved
-    std::uint64_t cast = 0;          // of what was there last
-    bool drifts = false;             // some of its pixels see a moving background
-    double leak_event_us = kNotDue;  // when the first of its pixels will fire of its leak
+    double moved_px = 0;     // sum of its steps' motions
+    float wake_px = kNow;    // the least of its pixels: nothing to do until so much has moved
+    std::uint64_t cast = 0;  // of what was there last
+    bool drifts = false;     // some of its pixels see a moving background
   };
 
   // What one tile has come to within a batch.
@@ -119,14 +121,6 @@ class Simulator {
   std::uint64_t pixel_key(std::size_t index) const {
     return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
   }
-
-  EventPixel starting_pixel(std::size_t index, const SceneRenderer::Frame& start) const {
-    if (!grid().on_sensor(index)) return {0, 1, 1};
-    const double light = renderer_.sample(start, grid().x(index), grid().y(index)).intensity;
-    return make_pixel(settings_, pixel_key(index), std::log(light));
-  }
-
-  bool leaky() const noexcept { return settings_.leak_hz_per_px > 0; }
 
   // One batch: look ahead how things move, draw the noise, take every tile there in steps of its own, let events out.
   void advance() {
@@ -209,10 +203,10 @@ class Simulator {
       }
       if (recast) step_to(segment, segment.ticks, progress);
     }
+    Segment& last = segments_.back();
     const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
-    const bool leaks = tile.leak_event_us < segments_.back().end_us;
-    if (awake || leaks || !progress.noise.empty() || tile.drifts)
-      step_to(segments_.back(), segments_.back().ticks, progress);
+    if (awake || leaks_.due(index, last.end_us) || !progress.noise.empty() || tile.drifts)
+      step_to(last, last.ticks, progress);
     if (tile.moved_px > 1e4) wake(index);  // single precision is fine up to there
   }
 
@@ -232,7 +226,7 @@ class Simulator {
     std::size_t noise_count = 0;
     for (; noise_count < progress.noise.size() && progress.noise[noise_count].t < t; ++noise_count)
       wake_[progress.noise[noise_count].pixel] = kNow;
-    if (leaky()) wake_leaking(progress.tile, t);
+    leaks_.for_each_due(progress.tile, t, [&](std::size_t i) { wake_[i] = kNow; });
 
     Tile& tile = tiles_[progress.tile];
     tile.moved_px += progress.moved_px;
@@ -249,34 +243,17 @@ class Simulator {
       tile.drifts = tile.drifts || drifts_since_us_[i] != kDriftsNot;
     }
     progress = {progress.tile, t, 0, progress.noise.subspan(noise_count)};
-    if (!leaky()) return;
-    const auto due = leak_event_us_.begin() + static_cast<std::ptrdiff_t>(first);
-    tile.leak_event_us = *std::min_element(due, due + TileGrid::kPixelsPerTile);
-  }
-
-  // Pixels that sleep under constant light still have a memory that leaks.
-  void wake_leaking(std::size_t tile, double until_us) {
-    if (!(tiles_[tile].leak_event_us < until_us)) return;
-    const std::size_t first = tile * TileGrid::kPixelsPerTile;
-    for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i)
-      if (leak_event_us_[i] < until_us) wake_[i] = kNow;
-  }
-
-  // The delays of stages in a row add up. Where the light changes, its geometric mean counts.
-  double time_constant_us(double start_log_intensity, double end_log_intensity) const {
-    if (settings_.light_time_constant_us == 0) return settings_.pixel_time_constant_us;
-    const double mean = 0.5 * (start_log_intensity + end_log_intensity);
-    return settings_.pixel_time_constant_us + settings_.light_time_constant_us * std::exp(-mean);
+    leaks_.update(progress.tile);
   }
 
   // Returns the distance moved at which the pixel must be looked at again.
   float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
                       std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
-    const auto emit = [&](double t, bool on) { return send(index, t, on); };
     const auto sample = renderer_.sample(next, index, activity_);
     const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
-    const EventPixelDynamics dynamics{time_constant_us(start, end), settings_.refractory_us};
+    const auto dynamics = pixel_dynamics(settings_, start, end);
+    const auto emit = [&](double t, bool on) { return send(index, t, on); };
     double t = t0;
     for (const auto& noise : step_noise) {
       if (noise.pixel != index || noise.t <= t) continue;
@@ -287,7 +264,7 @@ class Simulator {
     if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
     drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
     const double moved = tiles_[TileGrid::tile(index)].moved_px;
-    if (leaky()) leak_event_us_[index] = pixel.leak_event_us();
+    leaks_.set(index, pixel.leak_event_us());
     return pixel.settle() ? static_cast<float>(moved + sample.clearance_px) : kNow;
   }
 
@@ -305,16 +282,15 @@ class Simulator {
   SimulatorSettings settings_;
   SceneRenderer renderer_;
   double now_us_ = 0;
-  double end_us_;
-  double segment_us_;
+  double end_us_, segment_us_;
   double peak_speed_px_per_s_ = 0;
   std::vector<Segment> segments_;
   std::vector<Tile> tiles_;
   std::vector<EventPixel> pixels_;       // in the order of the grid
   std::vector<float> wake_;              // per pixel: asleep until so much has moved in its tile
   std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
-  std::vector<double> leak_event_us_;    // per pixel, if pixels leak at all: when that will make it fire
   SceneRenderer::Activity activity_, next_activity_;
+  LeakSchedule leaks_;
   PixelNoise noise_;
   EventQueue waiting_;
   std::vector<Event> batch_;

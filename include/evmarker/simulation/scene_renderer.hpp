@@ -59,7 +59,7 @@ class SceneRenderer {
     if (!(std::isfinite(point_spread_px) && point_spread_px > 0))
       throw std::invalid_argument("scene renderer: point_spread_px is " + std::to_string(point_spread_px));
     for (const auto& marker : scene_.markers)
-      prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white);
+      prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white, marker.shades);
     for (std::size_t i = 0; i < prints_.size(); ++i) everything_.markers.push_back(i);
     for (std::size_t i = 0; i < scene_.occluders.size(); ++i) everything_.occluders.push_back(i);
     compute_sights();

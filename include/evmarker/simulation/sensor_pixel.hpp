@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. How pixels differ from each other as they come from the factory.
+// Floor 2. The pixels of a simulated sensor: how they differ from each other and with their light.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -27,6 +27,15 @@ inline EventPixel make_pixel(const SimulatorSettings& settings, std::uint64_t ke
   const double spread = settings.leak_spread;
   const double hz = settings.leak_hz_per_px * std::exp(spread * leak_random.gaussian() - 0.5 * spread * spread);
   return {log_intensity, on, off, hz * 1e-6 * settings.contrast_threshold_on, on * leak_random.uniform()};
+}
+
+/// What drives a pixel while its log intensity goes from one value to another. The delays of stages in a row add up;
+/// where the light changes, its geometric mean counts.
+inline EventPixelDynamics pixel_dynamics(const SimulatorSettings& settings, double from, double to) {
+  EventPixelDynamics dynamics{settings.pixel_time_constant_us, settings.refractory_us};
+  if (settings.light_time_constant_us > 0)
+    dynamics.time_constant_us += settings.light_time_constant_us * std::exp(-0.5 * (from + to));
+  return dynamics;
 }
 
 }  // namespace evmarker
