@@ -26,7 +26,7 @@ struct SimulatedMarker {
   double quiet_zone_cells = 1;  ///< width of the white rim around the black square
   double black = 0.08;          ///< share of the light that the ink sends back
   double white = 0.85;          ///< and the paper
-  CellShades shades;            ///< in their place, where cells differ: (bits + 4) x (bits + 4) of them; else empty
+  CellShades shades = {};       ///< in their place, where cells differ: (bits + 4) x (bits + 4) of them; else empty
 };
 
 /// The markers of a board on its way through the scene.
