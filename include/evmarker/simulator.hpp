@@ -182,7 +182,8 @@ class Simulator {
       }
       std::swap(activity_, next_activity_);
       const double motion = activity_.motion_px, moved = tile.moved_px + progress.moved_px;
-      const bool noisy = !progress.noise.empty() && progress.noise.front().t < segment.end_us;
+      const bool noisy =
+          (!progress.noise.empty() && progress.noise.front().t < segment.end_us) || leaks_.due(index, segment.end_us);
       if (!noisy && static_cast<double>(tile.wake_px) >= moved + motion) {
         tile.moved_px = moved + motion;
         progress.t = segment.end_us;
@@ -252,16 +253,15 @@ class Simulator {
     EventPixel& pixel = pixels_[index];
     const auto sample = renderer_.sample(next, index, activity_);
     const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
-    const auto dynamics = pixel_dynamics(settings_, start, end);
     const auto emit = [&](double t, bool on) { return send(index, t, on); };
     double t = t0;
     for (const auto& noise : step_noise) {
       if (noise.pixel != index || noise.t <= t) continue;
-      pixel.advance(t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), dynamics, emit);
-      pixel.fire(noise.t, noise.on, dynamics, emit);
+      follow_light(pixel, settings_, t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), emit);
+      pixel.fire(noise.t, noise.on, {0, settings_.refractory_us}, emit);
       t = noise.t;
     }
-    if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
+    if (t < t1) follow_light(pixel, settings_, t, t1, end, emit);
     drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
     const double moved = tiles_[TileGrid::tile(index)].moved_px;
     leaks_.set(index, pixel.leak_event_us());

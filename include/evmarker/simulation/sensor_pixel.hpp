@@ -29,13 +29,22 @@ inline EventPixel make_pixel(const SimulatorSettings& settings, std::uint64_t ke
   return {log_intensity, on, off, hz * 1e-6 * settings.contrast_threshold_on, on * leak_random.uniform()};
 }
 
-/// What drives a pixel while its log intensity goes from one value to another. The delays of stages in a row add up;
-/// where the light changes, its geometric mean counts.
-inline EventPixelDynamics pixel_dynamics(const SimulatorSettings& settings, double from, double to) {
+/// Takes a pixel from t0 to t1 [us] while the log intensity goes in a straight line from where it was to
+/// `log_intensity`: in pieces in which the light, and with it the bandwidth, is as good as constant. The delays of the
+/// stages in a row add up.
+template <typename Emit>
+void follow_light(EventPixel& pixel, const SimulatorSettings& settings, double t0, double t1, double log_intensity,
+                  Emit&& emit) {
   EventPixelDynamics dynamics{settings.pixel_time_constant_us, settings.refractory_us};
-  if (settings.light_time_constant_us > 0)
-    dynamics.time_constant_us += settings.light_time_constant_us * std::exp(-0.5 * (from + to));
-  return dynamics;
+  if (settings.light_time_constant_us == 0) return pixel.advance(t0, t1, log_intensity, dynamics, emit);
+  const double start = pixel.log_intensity(), change = log_intensity - start;
+  const double pieces = std::ceil(std::abs(change) / 0.2 + 1e-9);
+  for (double i = 0; i < pieces; ++i) {
+    const double middle = start + change * (i + 0.5) / pieces;
+    dynamics.time_constant_us = settings.pixel_time_constant_us + settings.light_time_constant_us * std::exp(-middle);
+    pixel.advance(t0 + (t1 - t0) * i / pieces, t0 + (t1 - t0) * (i + 1) / pieces, start + change * (i + 1) / pieces,
+                  dynamics, emit);
+  }
 }
 
 }  // namespace evmarker
