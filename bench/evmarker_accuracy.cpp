@@ -160,7 +160,9 @@ int main(int argc, char** argv) {
   unsigned jobs = 2;
   int stride = 10;
   bool quick = false, as_markdown = false;
-  app.add_option("--scenarios", scenario_names, "near,fast,...; all by default")->delimiter(',');
+  std::string known;
+  for (const bench::Scenario& scenario : bench::scenarios()) known += (known.empty() ? "" : ",") + scenario.name;
+  app.add_option("--scenarios", scenario_names, known + "; all by default")->delimiter(',');
   app.add_option("--methods", method_names, "paper,tuned,kalman,...; all by default")->delimiter(',');
   app.add_option("--seeds", results.seeds, "one recording each")
       ->delimiter(',')

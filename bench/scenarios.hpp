@@ -13,6 +13,7 @@
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/scene.hpp"
 #include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/sensor_preset.hpp"
 #include "evmarker/simulator.hpp"
 #include "evmarker/trajectory.hpp"
 
@@ -64,7 +65,10 @@ inline double visible_share(const Situation& situation, std::size_t index, doubl
 inline Situation with_april_tags(Situation situation) {
   situation.dictionary = "DICT_APRILTAG_36h11";
   const auto dictionary = opencv::make_dictionary(situation.dictionary);
-  for (SimulatedMarker& marker : situation.scene.markers) marker.bits = opencv::marker_bits(dictionary, marker.id);
+  for (SimulatedMarker& marker : situation.scene.markers) {
+    marker.bits = opencv::marker_bits(dictionary, marker.id);
+    marker.shades.resize(0, 0);  // another code has other cells
+  }
   return situation;
 }
 
@@ -231,9 +235,121 @@ inline Situation shaking(Random random) {
   return one_marker(random, motion, 1.5);
 }
 
+// --- Like real sensors -----------------------------------------------------------------------------------------------
+
+/// Dark grey on light grey. A pixel that an edge passes spends half a threshold of each polarity on turning round, as it
+/// remembers where it fired last; the rest of a contrast of ln 3 makes 3.7 OFF or 2.3 ON events.
+inline Situation low_contrast(Random random) {
+  auto situation = near(random);
+  situation.scene.markers.front().black = 0.2;
+  situation.scene.markers.front().white = 0.6;
+  situation.simulator.contrast_threshold_on = 0.35;
+  situation.simulator.contrast_threshold_off = 0.22;
+  return situation;
+}
+
+/// Nothing is as white as the next thing: the outer edges make 9, 7, 5 and 2 events a passage, those of the code 5
+/// to 9.
+inline Situation uneven(Random random) {
+  auto situation = near(random);
+  SimulatedMarker& marker = situation.scene.markers.front();
+  const Eigen::Index cells = marker.bits.rows() + 4;
+  marker.shades.setConstant(cells, cells, marker.black);
+  const auto turn = static_cast<Eigen::Index>(random.bits() % 4);
+  const double rims[] = {0.85, 0.5, 0.3, 0.15};
+  marker.shades.row(0).setConstant(rims[turn]);
+  marker.shades.col(cells - 1).setConstant(rims[(turn + 1) % 4]);
+  marker.shades.row(cells - 1).setConstant(rims[(turn + 2) % 4]);
+  marker.shades.col(0).setConstant(rims[(turn + 3) % 4]);
+  for (Eigen::Index row = 0; row < marker.bits.rows(); ++row)
+    for (Eigen::Index column = 0; column < marker.bits.cols(); ++column)
+      if (marker.bits(row, column) != 0) marker.shades(row + 2, column + 2) = random.uniform(0.3, 0.85);
+  return situation;
+}
+
+/// Pixels that are as slow as they are dark: 0.35 ms on the paper, 3.75 ms on the ink.
+inline Situation dim_sensor(Random random) {
+  auto situation = near(random);
+  situation.simulator.light_time_constant_us = 300;
+  situation.simulator.latency_jitter_us = 100;
+  situation.simulator.noise_hz_per_px = 5;
+  return situation;
+}
+
+/// 2000 px/s: an edge is a pixel further after the dead time.
+inline Situation refractory(Random random) {
+  auto sway = near_sway(random);
+  sway.frequency_hz = 2.3;
+  auto situation = swaying(random, sway, 1.5);
+  situation.simulator.refractory_us = 500;
+  return situation;
+}
+
+inline Situation defocus(Random random) {
+  auto situation = near(random);
+  situation.simulator.point_spread_px = 1.3;
+  return situation;
+}
+
+/// What stands in a preset, seen through its usual lens.
+inline Situation with_sensor(Random& random, const char* name, const trajectory::Handheld& sway, double duration_s) {
+  const SensorPreset& sensor = sensor_preset(name);
+  const double cx = 0.5 * (sensor.size.width - 1), cy = 0.5 * (sensor.size.height - 1);
+  auto situation =
+      swaying(random, sway, duration_s, PinholeCamera(sensor.size, sensor.focal_px, sensor.focal_px, cx, cy));
+  const auto [seconds, seed] = std::pair(situation.simulator.duration_s, situation.simulator.seed);
+  situation.simulator = sensor.settings;
+  situation.simulator.duration_s = seconds;
+  situation.simulator.seed = seed;
+  return situation;
+}
+
+/// 54 px wide at 0.6 m, up to about 600 px/s.
+inline Situation davis346(Random random) { return with_sensor(random, "davis346", near_sway(random), 2); }
+
+/// 32 px wide at 0.35 m, up to about 300 px/s.
+inline Situation dvs128(Random random) {
+  auto sway = near_sway(random);
+  sway.T_center = facing_pose({0, 0, 0.35});
+  sway.amplitude_m = {0.05, 0.05, 0.05};
+  return with_sensor(random, "dvs128", sway, 2);
+}
+
+/// Out to 65 deg from the axis.
+inline Situation fisheye(Random random) {
+  auto sway = near_sway(random);
+  sway.T_center = facing_pose({0, 0, 0.4});
+  sway.amplitude_m = {0.4, 0.2, 0.1};
+  sway.frequency_hz = 0.9;
+  const EquidistantDistortion lens{.k1 = -0.02, .k2 = 0.006, .k3 = -0.004, .k4 = 0.0006};
+  return swaying(random, sway, 2, {{640, 480}, 270, 270, 319.5, 239.5, lens});
+}
+
+/// Moves of 0.4 s and rests of 0.05 to 2.5 s in random order, in noise.
+inline Situation rests(Random random) {
+  std::vector<double> rests{0.05, 0.25, 1, 2.5};
+  for (std::size_t i = rests.size(); i > 1; --i) std::swap(rests[i - 1], rests[random.bits() % i]);
+  std::vector<trajectory::MoveAndRest> legs;
+  for (const double rest_s : rests) legs.push_back({0.4, rest_s});
+  legs.push_back({0.4, 0});
+  auto situation =
+      one_marker(random, trajectory::stop_and_go(trajectory::handheld(near_sway(random)), std::move(legs)), 5.8);
+  situation.simulator.noise_hz_per_px = 5;
+  return situation;
+}
+
+/// Hot pixels: they leak all the time and make noise, and for most of the time nothing else.
+inline Situation leak(Random random) {
+  auto situation = one_marker(random, trajectory::stop_and_go(trajectory::handheld(near_sway(random)), 0.4, 0.8), 2.8);
+  situation.simulator.noise_hz_per_px = 2;
+  situation.simulator.leak_hz_per_px = 3;
+  return situation;
+}
+
 }  // namespace detail
 
-/// All scenarios. The simulated sensor is the default one but for `dim`; every marker is 10 cm wide but for `several`.
+/// All scenarios. The simulated sensor is the default one but for `dim` and those from `low_contrast` on; every marker
+/// is 10 cm wide but for `several`.
 inline std::vector<Scenario> scenarios() {
   std::vector<Scenario> all;
   const auto add = [&](const char* name, const char* title, double mm, double deg, double coverage,
@@ -255,6 +371,16 @@ inline std::vector<Scenario> scenarios() {
   add("slow", "0.15 Hz sway", 1, 1, 0.9, detail::slow);
   add("leaving", "out of the image and back", 0.6, 0.5, 0.97, detail::leaving);
   add("shaking", "12 Hz tremble on a slow sway", 0.6, 0.5, 0.97, detail::shaking);
+  add("low_contrast", "near, grey on grey: 3 events a passage", 0.6, 0.4, 0.99, detail::low_contrast);
+  add("uneven", "near, edges of different contrast: 2 to 9 events a passage", 0.5, 0.4, 0.99, detail::uneven);
+  add("dim_sensor", "near, pixels as slow as they are dark: 0.35-3.75 ms", 1, 0.5, 0.97, detail::dim_sensor);
+  add("refractory", "2000 px/s, pixels dead for 0.5 ms after an event", 1, 0.5, 0.97, detail::refractory);
+  add("defocus", "near, out of focus: blur of 1.3 px", 0.6, 0.3, 0.99, detail::defocus);
+  add("davis346", "346x260, f = 324 px, sensor like DAVIS346", 1, 0.6, 0.97, detail::davis346);
+  add("dvs128", "128x128, f = 112 px, 0.3-0.4 m, sensor like DVS128", 2, 2, 0.95, detail::dvs128);
+  add("fisheye", "fisheye lens, f = 270 px, out to 65 deg", 0.6, 0.5, 0.95, detail::fisheye);
+  add("rests", "moves of 0.4 s, rests of 0.05-2.5 s, 5 Hz/px noise", 0.6, 0.5, 0.97, detail::rests);
+  add("leak", "moves of 0.4 s, rests of 0.8 s, 3 Hz/px leak and 2 Hz/px noise", 0.6, 0.5, 0.97, detail::leak);
   return all;
 }
 

@@ -7,6 +7,7 @@
 #include <evmarker/opencv/aruco_shim.hpp>
 #include <evmarker/opencv/board.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <evmarker/simulation/sensor_preset.hpp>
 #include <filesystem>
 #include <numbers>
 #include <optional>
@@ -15,6 +16,7 @@
 #include <vector>
 
 #include "console.hpp"
+#include "lens_option.hpp"
 
 using namespace evmarker;
 
@@ -23,9 +25,20 @@ namespace {
 struct Options {
   std::string recording, camera, truth, board, dictionary = "DICT_4X4_50", motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
-  double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3;
+  std::vector<double> black{0.08}, white{0.85};
+  double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3, move_s = 0.5,
+         rest_s = 0.5;
+  Distortion lens;
   SimulatorSettings sensor{.duration_s = 3};
   bool quiet = false;
+
+  void use(const SensorPreset& preset) {
+    const double duration_s = sensor.duration_s;
+    sensor = preset.settings;
+    sensor.duration_s = duration_s;
+    size = {preset.size.width, preset.size.height};
+    focal_px = preset.focal_px;
+  }
 
   void add_to(CLI::App& app) {
     app.add_option("recording", recording, "EVT3 RAW file to write")->required();
@@ -39,10 +52,16 @@ struct Options {
     app.add_option("--marker-length", marker_length, "side of the black square [m]")
         ->check(console::positive_number())
         ->capture_default_str();
-    app.add_option("--size", size, "sensor, as 640,480 [px]")->delimiter(',')->expected(2)->capture_default_str();
-    app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")
-        ->check(console::positive_number())
+    app.add_option("--black", black, "share of the light that the ink sends back, one for all markers or one each")
+        ->delimiter(',')
         ->capture_default_str();
+    app.add_option("--white", white, "share of the light that the paper sends back, one for all markers or one each")
+        ->delimiter(',')
+        ->capture_default_str();
+    add_sensor_to(app);
+    app.add_option_function<std::string>(
+        "--lens", [this](const std::string& text) { lens = parse_lens(text); },
+        "distortion, radtan:k1,k2,p1,p2[,k3] or fisheye:k1,k2,k3,k4, as in OpenCV; default: none");
     app.add_option("--distance", distance_m, "of the markers from the camera [m]")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -53,11 +72,44 @@ struct Options {
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
     app.add_option("--frequency", frequency_hz, "of the motion [Hz]")->capture_default_str();
+    app.add_option("--move", move_s, "of stop-and-go, each time for so long [s]")
+        ->check(console::positive_number())
+        ->capture_default_str();
+    app.add_option("--rest", rest_s, "of stop-and-go, in between for so long [s]")
+        ->check(CLI::Range(0.0, 1e6))
+        ->capture_default_str();
     app.add_option("--duration", sensor.duration_s, "[s]")->check(console::positive_number())->capture_default_str();
-    app.add_option("--noise", sensor.noise_hz_per_px, "events without a cause [Hz per pixel]")->capture_default_str();
-    app.add_option("--lag-us", sensor.pixel_time_constant_us, "time constant of the pixels in dim light [us]");
     app.add_option("--seed", sensor.seed, "of sensor and motion")->capture_default_str();
     app.add_flag("--quiet", quiet, "no progress bar");
+  }
+
+  // Options are carried out in the order in which they are added: those after --sensor change single numbers of it.
+  void add_sensor_to(CLI::App& app) {
+    std::string names;
+    for (const SensorPreset& preset : kSensorPresets) names += (names.empty() ? "" : ", ") + std::string(preset.name);
+    app.add_option_function<std::string>(
+           "--sensor", [this](const std::string& name) { use(sensor_preset(name)); },
+           "size, focal length, thresholds, lags and noise of a kind of camera: " + names)
+        ->default_str("default");
+    app.add_option("--size", size, "sensor, as 640,480 [px]")->delimiter(',')->expected(2)->capture_default_str();
+    app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")
+        ->check(console::positive_number())
+        ->capture_default_str();
+    const auto add = [&](const char* name, double& value, const char* help) {
+      app.add_option(name, value, help)->capture_default_str();
+    };
+    add("--threshold-on", sensor.contrast_threshold_on, "step of log intensity that makes an ON event");
+    add("--threshold-off", sensor.contrast_threshold_off, "and an OFF event");
+    add("--mismatch", sensor.threshold_mismatch, "of the thresholds from pixel to pixel, standard deviation");
+    add("--refractory-us", sensor.refractory_us, "a pixel is dead for so long after its event [us]");
+    add("--lag-us", sensor.pixel_time_constant_us, "time constant of the pixels, whatever their light [us]");
+    add("--light-lag-us", sensor.light_time_constant_us,
+        "time constant of a pixel that sees perfect white, inversely proportional to its light [us]");
+    add("--jitter-us", sensor.latency_jitter_us, "mean time that an event waits to leave its pixel [us]");
+    add("--noise", sensor.noise_hz_per_px, "events without a cause [Hz per pixel]");
+    add("--leak", sensor.leak_hz_per_px, "ON events of leaking pixels [Hz per pixel]");
+    add("--leak-spread", sensor.leak_spread, "of the leak from pixel to pixel, standard deviation of its logarithm");
+    add("--blur", sensor.point_spread_px, "sigma of lens and pixel area together, more when out of focus [px]");
   }
 };
 
@@ -86,7 +138,23 @@ Trajectory make_motion(const Options& o, std::size_t place, std::size_t places) 
     const double speed = 2 * o.sway_m / o.sensor.duration_s;
     return trajectory::linear(facing_pose({x - o.sway_m, 0, o.distance_m}), {speed, 0, 0});
   }
-  return o.motion == "stop-and-go" ? trajectory::stop_and_go(sway, 0.5, 0.5) : sway;
+  return o.motion == "stop-and-go" ? trajectory::stop_and_go(sway, o.move_s, o.rest_s) : sway;
+}
+
+// The albedo of each marker from a list of one for all or one for each.
+void paint(const Options& o, std::vector<SimulatedMarker>& markers) {
+  const auto pick = [&](const char* option, const std::vector<double>& values, std::size_t marker) {
+    if (values.size() != 1 && values.size() != markers.size())
+      throw std::invalid_argument(std::string(option) + ": " + std::to_string(values.size()) + " values for " +
+                                  std::to_string(markers.size()) + " markers");
+    const double value = values.size() == 1 ? values.front() : values[marker];
+    if (value > 0 && value <= 1) return value;
+    throw std::invalid_argument(std::string(option) + ": " + std::to_string(value) + " is no share above 0, up to 1");
+  };
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    markers[i].black = pick("--black", o.black, i);
+    markers[i].white = pick("--white", o.white, i);
+  }
 }
 
 std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>& targets) {
@@ -113,9 +181,10 @@ std::vector<SimulatedMarker> make_board(const Options& o, std::vector<Target>& t
 void simulate(const Options& o) {
   require_in_front(o);
   const SensorSize size{o.size[0], o.size[1]};
-  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1), o.lens);
   std::vector<Target> targets;
-  const std::vector<SimulatedMarker> scene = o.board.empty() ? make_markers(o, targets) : make_board(o, targets);
+  std::vector<SimulatedMarker> scene = o.board.empty() ? make_markers(o, targets) : make_board(o, targets);
+  paint(o, scene);
   io::RawWriter recording(o.recording, size);
   std::optional<io::PoseCsvWriter> truth;
   if (!o.truth.empty()) truth.emplace(o.truth);

@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <functional>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -131,4 +133,51 @@ TEST_CASE("a threshold that is reached exactly at the end of a step fires there"
   pixel.advance(0, 1000, 0.25, {0, 0}, std::ref(fired));
   REQUIRE(fired.events.size() == 1);
   CHECK(fired.events[0].first == 1000);
+}
+
+TEST_CASE("what is memorised leaks away: ON events at rest, one each threshold over leak, and dead time in between") {
+  EventPixel pixel(0, 0.25, 0.25, 1e-4);
+  Fired fired;
+  pixel.advance(0, 10000, 0, {0, 500}, std::ref(fired));  // 2500 us of leak and 500 us of dead time
+  REQUIRE(fired.events.size() == 3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    CHECK(fired.events[i].first == doctest::Approx(2500 + 3000.0 * static_cast<double>(i)));
+    CHECK(fired.events[i].second);
+  }
+  CHECK(pixel.leak_event_us() == doctest::Approx(11500));
+}
+
+TEST_CASE("a leak is the same however the time is cut, and asleep over whole stretches of it") {
+  EventPixel cut(0, 0.25, 0.25, 1e-6), asleep(0, 0.25, 0.25, 1e-6);
+  Fired often, once;
+  for (int i = 0; i < 60000; ++i) cut.advance(i * 10, i * 10 + 10, 0, {0, 50}, std::ref(often));
+  asleep.advance(0, 10, 0, {0, 50}, std::ref(once));
+  CHECK(asleep.leak_event_us() == doctest::Approx(250000));
+  asleep.advance(249000, 251000, 0, {0, 50}, std::ref(once));
+  CHECK(asleep.leak_event_us() == doctest::Approx(500050));
+  asleep.advance(499000, 600000, 0, {0, 50}, std::ref(once));
+  REQUIRE(often.events.size() == 2);
+  REQUIRE(once.events.size() == 2);
+  for (std::size_t i = 0; i < 2; ++i)
+    CHECK(often.events[i].first == doctest::Approx(once.events[i].first).epsilon(1e-6));
+}
+
+TEST_CASE("a leak brings ON events nearer and puts OFF events off") {
+  const double leak = 2e-4, ramp = 5e-4;  // [1/us]
+  EventPixel up(0, 0.25, 0.25, leak), down(0, 0.25, 0.25, leak);
+  Fired on, off;
+  up.advance(0, 1000, ramp * 1000, {0, 0}, std::ref(on));
+  down.advance(0, 1000, -ramp * 1000, {0, 0}, std::ref(off));
+  REQUIRE(on.events.size() == 2);
+  CHECK(on.events[0].first == doctest::Approx(0.25 / (ramp + leak)));
+  CHECK(on.events[1].first == doctest::Approx(2 * 0.25 / (ramp + leak)));
+  REQUIRE(off.events.size() == 1);
+  CHECK(off.events[0].first == doctest::Approx(0.25 / (ramp - leak)));
+  CHECK_FALSE(off.events[0].second);
+}
+
+TEST_CASE("a pixel may start with some of its leak behind it; one without a leak is never due") {
+  EventPixel pixel(1, 0.25, 0.25, 1e-4, 0.2);
+  CHECK(pixel.leak_event_us() == doctest::Approx(500));
+  CHECK(EventPixel(1, 0.25, 0.25).leak_event_us() == std::numeric_limits<double>::infinity());
 }

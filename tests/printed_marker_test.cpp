@@ -98,6 +98,21 @@ TEST_CASE("a sheet may end at the black square") {
   CHECK(sample.radiance == doctest::Approx(0.5 * kBlack));
 }
 
+TEST_CASE("cells may have shades of their own, rim and border too; the back has not") {
+  CellShades shades(7, 7);
+  for (Eigen::Index i = 0; i < shades.size(); ++i) shades(i / 7, i % 7) = 0.1 + 0.01 * static_cast<double>(i);
+  const PrintedMarker marker(code(), 1, kBlack, kWhite, shades);
+  for (int row = 0; row < 7; ++row)
+    for (int column = 0; column < 7; ++column) {
+      const auto sample = marker.front(column - 0.5, row - 0.5, 0.05, 0.05);
+      CHECK(sample.radiance == shades(row, column));
+      CHECK(sample.clearance == doctest::Approx(0.5));
+    }
+  const auto border = marker.front(2, 2.5, 0.05, 0.05);  // between the cells (3, 2) and (3, 3)
+  CHECK(border.radiance == doctest::Approx(0.5 * (shades(3, 2) + shades(3, 3))));
+  CHECK(marker.back(2.5, 2.5, 0.05, 0.05).radiance == doctest::Approx(kWhite));
+}
+
 TEST_CASE("prints that make no sense are named") {
   CHECK_THROWS_WITH_AS(PrintedMarker(code(), -1, kBlack, kWhite), "printed marker: quiet_zone_cells is -1.000000",
                        std::invalid_argument);
@@ -105,4 +120,10 @@ TEST_CASE("prints that make no sense are named") {
   CHECK_THROWS_AS(PrintedMarker(CodeBits(2, 3), 1, kBlack, kWhite), std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(), 1, kBlack, kWhite), std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(61, 61), 1, kBlack, kWhite), std::invalid_argument);
+  CellShades shades = CellShades::Constant(7, 7, 0.5);
+  shades(2, 3) = -0.5;
+  CHECK_THROWS_WITH_AS(PrintedMarker(code(), 1, kBlack, kWhite, shades),
+                       "printed marker: shade in row 2, column 3 is -0.500000", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(PrintedMarker(code(), 1, kBlack, kWhite, CellShades::Constant(6, 7, 0.5)),
+                       "printed marker: number of shade rows is 6.000000", std::invalid_argument);
 }

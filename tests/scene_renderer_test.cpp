@@ -122,14 +122,12 @@ TEST_CASE("motion is the fastest point's") {
   CHECK(motion(marker) == doctest::Approx(0.02 * 30 * std::sqrt(2.0)).epsilon(0.01));  // the corners
 }
 
-TEST_CASE("light does not change before the edges have moved by the clearance") {
-  const PinholeCamera lens{{200, 160}, 200, 200, 100, 80, BrownConradyDistortion{-0.3, 0.05, 0, 0, 0}};
+namespace {
+
+void check_clearances(const PinholeCamera& lens, double length, const Trajectory& motion) {
   CodeBits bits(2, 2);
   bits << 1, 0, 0, 1;
-  const SimulatedMarker marker{
-      .length = 0.3,
-      .bits = bits,
-      .T_camera_marker = trajectory::linear(facing_pose({-0.1, 0, 1}, {0.5, 0.4, 0}), {1, 0.5, -1}, {1, 2, 3})};
+  const SimulatedMarker marker{.length = length, .bits = bits, .T_camera_marker = motion};
   const SceneRenderer renderer(lens, {{marker}, {}, {}}, 0.6);
   std::vector<double> start, asleep_until(200 * 160, -1), value(200 * 160);
   double moved = 0;
@@ -154,6 +152,18 @@ TEST_CASE("light does not change before the edges have moved by the clearance") 
   }
   CHECK(moved > 20);
   CHECK(sleeping > 1000000);
+}
+
+}  // namespace
+
+TEST_CASE("light does not change before the edges have moved by the clearance") {
+  check_clearances({{200, 160}, 200, 200, 100, 80, BrownConradyDistortion{-0.3, 0.05, 0, 0, 0}}, 0.3,
+                   trajectory::linear(facing_pose({-0.1, 0, 1}, {0.5, 0.4, 0}), {1, 0.5, -1}, {1, 2, 3}));
+}
+
+TEST_CASE("nor behind a fisheye lens that sees 65 deg to the side") {
+  check_clearances({{200, 160}, 90, 90, 100, 80, EquidistantDistortion{0.02, -0.005, 0.001, 0}}, 1,
+                   trajectory::linear(facing_pose({2, 0, 1}, {0.2, 0.1, 0}), {-24, 0.5, 0}, {0, 0, 1}));
 }
 
 TEST_CASE("a blur that makes no sense is named") {

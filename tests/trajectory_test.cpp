@@ -87,11 +87,33 @@ TEST_CASE("stop and go rests, then goes on, with a continuous velocity") {
   CHECK(motion.jump < 0.03);
 }
 
+TEST_CASE("moves and rests may be of different length, and begin again when the list ends") {
+  const auto base = trajectory::linear(facing_pose({0, 0, 1}), {1, 0, 0});
+  const auto trajectory = trajectory::stop_and_go(base, {{0.4, 0.1}, {0.2, 1.0}});  // a round of 1.7 s: 0.6 m
+  const auto x = [&](double s) { return trajectory(s).translation().x(); };
+  CHECK(x(0.2) == doctest::Approx(0.2));
+  CHECK(x(0.45) == doctest::Approx(0.4));
+  CHECK(x(0.6) == doctest::Approx(0.5));  // in the middle of the second move
+  CHECK(x(0.8) == doctest::Approx(0.6));
+  CHECK(x(1.69) == x(0.8));  // rests for long
+  CHECK(x(1.9) == doctest::Approx(0.8));
+  CHECK(x(2.4) == doctest::Approx(1.2));
+  const auto motion = observe(trajectory, 5);
+  CHECK(motion.speed == doctest::Approx(1.875).epsilon(0.001));
+  CHECK(motion.jump < 0.06);
+  const auto even = trajectory::stop_and_go(base, 0.4, 0.2), same = trajectory::stop_and_go(base, {{0.4, 0.2}});
+  for (double s = 0; s < 2; s += 0.037) CHECK(even(s).translation().x() == doctest::Approx(same(s).translation().x()));
+}
+
 TEST_CASE("motions that make no sense are named") {
   const auto start = facing_pose({0, 0, 1});
   CHECK_THROWS_WITH_AS(trajectory::stop_and_go(trajectory::still(start), 0, 1), "trajectory: move_s is 0.000000",
                        std::invalid_argument);
   CHECK_THROWS_AS(trajectory::stop_and_go({}, 1, 1), std::invalid_argument);
+  CHECK_THROWS_WITH_AS(trajectory::stop_and_go(trajectory::still(start), {{1, 1}, {1, -2}}),
+                       "trajectory: rest_s is -2.000000", std::invalid_argument);
+  CHECK_THROWS_AS(trajectory::stop_and_go(trajectory::still(start), std::vector<trajectory::MoveAndRest>{}),
+                  std::invalid_argument);
   CHECK_THROWS_AS(trajectory::spin(start, {0, 0, 0}, 1), std::invalid_argument);
   CHECK_THROWS_AS(trajectory::still(facing_pose({0, 0, std::nan("")})), std::invalid_argument);
   CHECK_THROWS_WITH_AS(trajectory::handheld({.frequency_hz = -1}), "trajectory: frequency_hz is -1.000000",

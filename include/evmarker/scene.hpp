@@ -12,6 +12,7 @@
 #include "evmarker/board.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/pose.hpp"
+#include "evmarker/simulation/printed_marker.hpp"
 #include "evmarker/trajectory.hpp"
 
 namespace evmarker {
@@ -25,6 +26,7 @@ struct SimulatedMarker {
   double quiet_zone_cells = 1;  ///< width of the white rim around the black square
   double black = 0.08;          ///< share of the light that the ink sends back
   double white = 0.85;          ///< and the paper
+  CellShades shades = {};       ///< in their place, where cells differ: (bits + 4) x (bits + 4) of them; else empty
 };
 
 /// The markers of a board on its way through the scene.

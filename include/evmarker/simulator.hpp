@@ -13,9 +13,11 @@
 #include "evmarker/event.hpp"
 #include "evmarker/simulation/event_pixel.hpp"
 #include "evmarker/simulation/event_queue.hpp"
+#include "evmarker/simulation/leak_schedule.hpp"
 #include "evmarker/simulation/pixel_noise.hpp"
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/simulation/scene_renderer.hpp"
+#include "evmarker/simulation/sensor_pixel.hpp"
 #include "evmarker/simulation/simulator_settings.hpp"
 #include "evmarker/simulation/tile_grid.hpp"
 
@@ -33,12 +35,15 @@ class Simulator {
         renderer_(camera, std::move(scene), settings.point_spread_px),
         end_us_(settings.duration_s * 1e6),
         segment_us_(settings.max_step_us),
+        leaks_(grid(), settings.leak_hz_per_px > 0),
         noise_(grid(), settings.noise_hz_per_px, Random(settings.seed, kNoiseStream)) {
     const auto start = renderer_.at(0);
     pixels_.reserve(grid().indices());
     for (std::size_t i = 0; i < grid().indices(); ++i) {
-      pixels_.push_back(make_pixel(i, start));
-      wake_.push_back(grid().on_sensor(i) ? kNow : kNever);
+      const bool there = grid().on_sensor(i);
+      const double light = there ? renderer_.sample(start, grid().x(i), grid().y(i)).intensity : 1;
+      pixels_.push_back(make_pixel(settings_, pixel_key(i), std::log(light)));
+      wake_.push_back(there ? kNow : kNever);
     }
     drifts_since_us_.assign(grid().indices(), kDriftsNot);
     tiles_.resize(grid().tiles());
@@ -81,7 +86,7 @@ class Simulator {
   static constexpr double kShortestSegmentUs = 10;
   static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // wake distances
   static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
-  static constexpr std::uint64_t kThresholdStream = 1, kNoiseStream = 2, kLatencyStream = 3;
+  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // 1 and 4: of make_pixel
 
   // A stretch of time in which things move in good order, cut into ticks. Frames are made when they are asked for.
   struct Segment {
@@ -115,17 +120,6 @@ class Simulator {
   // What a pixel draws shall not depend on how the pixels are stored.
   std::uint64_t pixel_key(std::size_t index) const {
     return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
-  }
-
-  EventPixel make_pixel(std::size_t index, const SceneRenderer::Frame& start) const {
-    if (!grid().on_sensor(index)) return {0, 1, 1};
-    Random random(settings_.seed, kThresholdStream, pixel_key(index));
-    const auto threshold = [&](double nominal) {  // a real comparator has no threshold near 0 or below
-      return std::max(nominal / 4, nominal + settings_.threshold_mismatch * random.gaussian());
-    };
-    const double on = threshold(settings_.contrast_threshold_on);
-    const double off = threshold(settings_.contrast_threshold_off);
-    return {std::log(renderer_.sample(start, grid().x(index), grid().y(index)).intensity), on, off};
   }
 
   // One batch: look ahead how things move, draw the noise, take every tile there in steps of its own, let events out.
@@ -188,7 +182,8 @@ class Simulator {
       }
       std::swap(activity_, next_activity_);
       const double motion = activity_.motion_px, moved = tile.moved_px + progress.moved_px;
-      const bool noisy = !progress.noise.empty() && progress.noise.front().t < segment.end_us;
+      const bool noisy =
+          (!progress.noise.empty() && progress.noise.front().t < segment.end_us) || leaks_.due(index, segment.end_us);
       if (!noisy && static_cast<double>(tile.wake_px) >= moved + motion) {
         tile.moved_px = moved + motion;
         progress.t = segment.end_us;
@@ -209,8 +204,10 @@ class Simulator {
       }
       if (recast) step_to(segment, segment.ticks, progress);
     }
+    Segment& last = segments_.back();
     const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
-    if (awake || !progress.noise.empty() || tile.drifts) step_to(segments_.back(), segments_.back().ticks, progress);
+    if (awake || leaks_.due(index, last.end_us) || !progress.noise.empty() || tile.drifts)
+      step_to(last, last.ticks, progress);
     if (tile.moved_px > 1e4) wake(index);  // single precision is fine up to there
   }
 
@@ -230,6 +227,7 @@ class Simulator {
     std::size_t noise_count = 0;
     for (; noise_count < progress.noise.size() && progress.noise[noise_count].t < t; ++noise_count)
       wake_[progress.noise[noise_count].pixel] = kNow;
+    leaks_.for_each_due(progress.tile, t, [&](std::size_t i) { wake_[i] = kNow; });
 
     Tile& tile = tiles_[progress.tile];
     tile.moved_px += progress.moved_px;
@@ -246,26 +244,27 @@ class Simulator {
       tile.drifts = tile.drifts || drifts_since_us_[i] != kDriftsNot;
     }
     progress = {progress.tile, t, 0, progress.noise.subspan(noise_count)};
+    leaks_.update(progress.tile);
   }
 
   // Returns the distance moved at which the pixel must be looked at again.
   float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
                       std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
-    const EventPixelDynamics dynamics{settings_.pixel_time_constant_us, settings_.refractory_us};
-    const auto emit = [&](double t, bool on) { return send(index, t, on); };
     const auto sample = renderer_.sample(next, index, activity_);
     const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
+    const auto emit = [&](double t, bool on) { return send(index, t, on); };
     double t = t0;
     for (const auto& noise : step_noise) {
       if (noise.pixel != index || noise.t <= t) continue;
-      pixel.advance(t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), dynamics, emit);
-      pixel.fire(noise.t, noise.on, dynamics, emit);
+      follow_light(pixel, settings_, t, noise.t, start + (end - start) * (noise.t - t0) / (t1 - t0), emit);
+      pixel.fire(noise.t, noise.on, {0, settings_.refractory_us}, emit);
       t = noise.t;
     }
-    if (t < t1) pixel.advance(t, t1, end, dynamics, emit);
+    if (t < t1) follow_light(pixel, settings_, t, t1, end, emit);
     drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
     const double moved = tiles_[TileGrid::tile(index)].moved_px;
+    leaks_.set(index, pixel.leak_event_us());
     return pixel.settle() ? static_cast<float>(moved + sample.clearance_px) : kNow;
   }
 
@@ -283,8 +282,7 @@ class Simulator {
   SimulatorSettings settings_;
   SceneRenderer renderer_;
   double now_us_ = 0;
-  double end_us_;
-  double segment_us_;
+  double end_us_, segment_us_;
   double peak_speed_px_per_s_ = 0;
   std::vector<Segment> segments_;
   std::vector<Tile> tiles_;
@@ -292,6 +290,7 @@ class Simulator {
   std::vector<float> wake_;              // per pixel: asleep until so much has moved in its tile
   std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
   SceneRenderer::Activity activity_, next_activity_;
+  LeakSchedule leaks_;
   PixelNoise noise_;
   EventQueue waiting_;
   std::vector<Event> batch_;

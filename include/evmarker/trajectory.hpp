@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/so3.hpp"
@@ -112,8 +113,44 @@ inline Trajectory handheld(const Handheld& sway = {}) {
   };
 }
 
-/// Lets another motion run for `move_s`, rest for `rest_s`, run on, and so forth. Starts and stops smoothly: velocity
-/// and acceleration are continuous; in the middle of a move the motion runs 1.875 times as fast as by itself.
+namespace detail {
+
+/// From 0 to 1 with velocity and acceleration 0 at both ends, at most 1.875 times as fast as evenly.
+inline double ease(double u) { return u * u * u * (10 + u * (6 * u - 15)); }
+
+}  // namespace detail
+
+/// A stretch of a motion and the rest after it.
+struct MoveAndRest {
+  double move_s, rest_s;
+};
+
+/// Lets another motion run for the first `move_s`, rest for the first `rest_s`, and so through the list and from its
+/// begin again. Starts and stops smoothly: velocity and acceleration are continuous; in the middle of a move the motion
+/// runs 1.875 times as fast as by itself.
+inline Trajectory stop_and_go(Trajectory base, std::vector<MoveAndRest> legs) {
+  detail::require(static_cast<bool>(base), "presence of the base motion", 0);
+  detail::require(!legs.empty(), "number of moves", 0);
+  MoveAndRest round{0, 0};  // all of them together
+  for (const MoveAndRest& leg : legs) {
+    detail::require(std::isfinite(leg.move_s) && leg.move_s > 0, "move_s", leg.move_s);
+    detail::require(std::isfinite(leg.rest_s) && leg.rest_s >= 0, "rest_s", leg.rest_s);
+    round.move_s += leg.move_s;
+    round.rest_s += leg.rest_s;
+  }
+  return [base = std::move(base), legs = std::move(legs), round](double seconds) {
+    const double rounds = std::floor(seconds / (round.move_s + round.rest_s));
+    double rest = seconds - rounds * (round.move_s + round.rest_s), moved = rounds * round.move_s;
+    for (const MoveAndRest& leg : legs) {
+      moved += leg.move_s * detail::ease(std::fmin(rest / leg.move_s, 1.0));
+      rest -= leg.move_s + leg.rest_s;
+      if (rest <= 0) break;
+    }
+    return base(moved);
+  };
+}
+
+/// The same with moves and rests of one length each.
 inline Trajectory stop_and_go(Trajectory base, double move_s, double rest_s) {
   detail::require(static_cast<bool>(base), "presence of the base motion", 0);
   detail::require(std::isfinite(move_s) && move_s > 0, "move_s", move_s);
@@ -121,7 +158,7 @@ inline Trajectory stop_and_go(Trajectory base, double move_s, double rest_s) {
   return [base = std::move(base), move_s, rest_s](double seconds) {
     const double cycles = std::floor(seconds / (move_s + rest_s));
     const double u = std::fmin((seconds - cycles * (move_s + rest_s)) / move_s, 1.0);
-    return base(move_s * (cycles + u * u * u * (10 + u * (6 * u - 15))));
+    return base(move_s * (cycles + detail::ease(u)));
   };
 }
 

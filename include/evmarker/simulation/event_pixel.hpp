@@ -13,17 +13,21 @@ struct EventPixelDynamics {
 
 /// An event camera's pixel (Lichtsteiner, Posch and Delbruck, "A 128x128 120 dB 15 us latency asynchronous temporal
 /// contrast vision sensor", 2008): it compares the low-passed logarithm of the intensity to the level that it memorised
-/// at the end of its last event, and fires ON or OFF when the difference reaches a threshold. Times in us, levels in
-/// natural logarithms of intensity.
+/// at the end of its last event, and fires ON or OFF when the difference reaches a threshold. What it memorised leaks
+/// away toward ON events. Times in us, levels in natural logarithms of intensity.
 class EventPixel {
  public:
   /// Starts settled at a log intensity.
-  EventPixel(double log_intensity, double threshold_on, double threshold_off) noexcept
+  /// @param leak_per_us by how much the memorised level falls in a microsecond
+  /// @param leaked by how much it has fallen at the start
+  EventPixel(double log_intensity, double threshold_on, double threshold_off, double leak_per_us = 0,
+             double leaked = 0) noexcept
       : input_(static_cast<float>(log_intensity)),
         level_(input_),
-        memory_(input_),
+        memory_(static_cast<float>(log_intensity - leaked)),
         threshold_on_(static_cast<float>(threshold_on)),
-        threshold_off_(static_cast<float>(threshold_off)) {}
+        threshold_off_(static_cast<float>(threshold_off)),
+        leak_per_us_(static_cast<float>(leak_per_us)) {}
 
   /// Goes from t0 to t1 while the log intensity goes in a straight line from where it was to `log_intensity`.
   /// @param emit `double emit(double t, bool on)` takes an event and returns the time at which it left the pixel, not
@@ -33,18 +37,16 @@ class EventPixel {
     const Ramp ramp(t0, t1, input_, log_intensity, level_, dynamics.time_constant_us);
     const double end_level = ramp.level(t1);
     for (double t = t0;;) {
-      if (dead_until_ != kAlive) {
-        if (dead_until_ >= t1) break;
-        t = std::fmax(t, dead_until_);
+      if (dead()) {
+        if (reset_us_ >= t1) break;
+        t = std::fmax(t, reset_us_);
         memory_ = static_cast<float>(ramp.level(t));
-        dead_until_ = kAlive;
       }
-      const double upper = static_cast<double>(memory_) + threshold_on_;
-      const double lower = static_cast<double>(memory_) - threshold_off_;
+      const double upper = memory_at(t1) + threshold_on_, lower = memory_at(t1) - threshold_off_;
       const bool on = end_level >= upper;
       if (!on && !(end_level <= lower)) break;
-      t = ramp.crossing(t, t1, on ? upper : lower);
-      dead_until_ = emit(t, on) + dynamics.refractory_us;
+      t = ramp.crossing(t, t1, on ? upper : lower, leak_per_us_);
+      fall_dead(emit(t, on) + dynamics.refractory_us);
     }
     input_ = static_cast<float>(log_intensity);
     level_ = static_cast<float>(end_level);
@@ -53,7 +55,14 @@ class EventPixel {
   /// Fires without a cause at time t, up to which the pixel has been advanced; a dead pixel does not.
   template <typename Emit>
   void fire(double t, bool on, const EventPixelDynamics& dynamics, Emit&& emit) {
-    if (dead_until_ == kAlive || dead_until_ <= t) dead_until_ = emit(t, on) + dynamics.refractory_us;
+    if (!dead() || reset_us_ <= t) fall_dead(emit(t, on) + dynamics.refractory_us);
+  }
+
+  /// When the leak alone will make a settled pixel fire if the light stays as it is; never (infinity) without a leak.
+  double leak_event_us() const noexcept {
+    if (!(leak_per_us_ > 0)) return std::numeric_limits<double>::infinity();
+    const double rest = dead() ? threshold_on_ : static_cast<double>(memory_) + threshold_on_ - level_;
+    return reset_us_ + rest / leak_per_us_;
   }
 
   /// Under constant light: takes the last rest of the low-pass as done, if it is small, and says whether it was.
@@ -67,7 +76,12 @@ class EventPixel {
   double level() const noexcept { return level_; }
 
  private:
-  static constexpr double kAlive = -std::numeric_limits<double>::infinity();
+  bool dead() const noexcept { return std::isnan(memory_); }
+  void fall_dead(double until_us) noexcept {
+    memory_ = std::numeric_limits<float>::quiet_NaN();
+    reset_us_ = until_us;
+  }
+  double memory_at(double t) const noexcept { return memory_ - leak_per_us_ * (t - reset_us_); }
 
   // The first-order response to a straight line, in closed form.
   class Ramp {
@@ -83,15 +97,17 @@ class EventPixel {
       return line - slope_ * time_constant_ + transient_ * std::exp((t0_ - t) / time_constant_);
     }
 
-    // First time between `low` and `high` at which the level is there, known to lie between theirs (regula falsi with
-    // the Illinois weighting; straight lines take one step).
-    double crossing(double low, double high, double target) const {
-      double below = level(low) - target, above = level(high) - target;
+    // First time between `low` and `high` at which the level meets a target that falls in a straight line to `target`
+    // at `high`, known to happen between them (regula falsi with the Illinois weighting; straight lines take one step).
+    double crossing(double low, double high, double target, double fall_per_us) const {
+      const double end = high;
+      const auto gap = [&](double at) { return level(at) - (target + fall_per_us * (end - at)); };
+      double below = gap(low), above = gap(high);
       double t = high;
       for (int iteration = 0; iteration < 40 && high - low > 1e-3; ++iteration) {
         if (below == 0 || above * below > 0) return low;  // there already, by the rounding of what is stored
         t = std::fmin(std::fmax(high - above * (high - low) / (above - below), low), high);
-        const double error = level(t) - target;
+        const double error = gap(t);
         if (std::abs(error) < 1e-9) break;
         if ((error > 0) == (above > 0)) {
           high = t;
@@ -111,9 +127,9 @@ class EventPixel {
   };
 
   // Single precision for what is stored, so that many pixels fit the processor's cache; nothing accumulates in it.
-  float input_, level_, memory_;
-  float threshold_on_, threshold_off_;
-  double dead_until_ = kAlive;
+  float input_, level_, memory_;  // the memory is NaN while the pixel is dead
+  float threshold_on_, threshold_off_, leak_per_us_;
+  double reset_us_ = 0;  // end of the dead time: from here on the memory leaks
 };
 
 }  // namespace evmarker

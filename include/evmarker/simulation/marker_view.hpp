@@ -19,6 +19,13 @@ struct Sight {
   Eigen::Matrix2f per_px;
 };
 
+/// How far [px] around a line of sight a fisheye lens shows a plane in one scale, to a tenth.
+/// @param focal_length [px]
+inline double fisheye_reach_px(const Sight& sight, double focal_length) {
+  const double tangent = static_cast<double>(sight.m.norm());  // the scale goes with 1 + tangent^2
+  return focal_length * 0.5 * (std::sqrt(tangent * tangent + 0.2) - tangent);
+}
+
 /// The sheet of a marker at one pose.
 class MarkerView {
  public:

@@ -33,6 +33,10 @@ inline double edge_profile(double x) {
   return static_cast<double>(value[0]) + (position - index) * static_cast<double>(value[1] - value[0]);
 }
 
+/// Shares of the light that the cells of a sheet send back, rows from the top, columns from the left; the first and the
+/// last of both are the quiet zone, the next ones the black border.
+using CellShades = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 /// The sheet on which a marker is printed, in lattice coordinates: (0, 0) is the top left corner of the black border,
 /// a to the right, b down, one unit a cell; the quiet zone lies around it.
 class PrintedMarker {
@@ -47,7 +51,9 @@ class PrintedMarker {
   /// @param bits the cells inside the black border, 1 white
   /// @param quiet_zone_cells width of the white rim around the border
   /// @param black,white shares of the light that ink and paper send back
-  PrintedMarker(const CodeBits& bits, double quiet_zone_cells, double black, double white)
+  /// @param shades in their place on the front, one for each cell; none of them if empty
+  PrintedMarker(const CodeBits& bits, double quiet_zone_cells, double black, double white,
+                const CellShades& shades = {})
       : cells_(static_cast<int>(bits.rows()) + 2), white_(white) {
     const auto require = [](bool good, const char* field, double value) {
       if (!good) throw std::invalid_argument(std::string("printed marker: ") + field + " is " + std::to_string(value));
@@ -66,6 +72,16 @@ class PrintedMarker {
     for (Eigen::Index row = 0; row < bits.rows(); ++row)
       for (Eigen::Index column = 0; column < bits.cols(); ++column)
         shades_(row + 2, column + 2) = bits(row, column) != 0 ? white : black;
+    if (shades.size() == 0) return;
+    require(shades.rows() == shades_.rows(), "number of shade rows", static_cast<double>(shades.rows()));
+    require(shades.cols() == shades_.cols(), "number of shade columns", static_cast<double>(shades.cols()));
+    for (Eigen::Index row = 0; row < shades.rows(); ++row)
+      for (Eigen::Index column = 0; column < shades.cols(); ++column) {
+        const double shade = shades(row, column);
+        const std::string field = "shade in row " + std::to_string(row) + ", column " + std::to_string(column);
+        require(std::isfinite(shade) && shade > 0, field.c_str(), shade);
+      }
+    shades_ = shades;
   }
 
   /// Cells along one side, border included.
@@ -172,7 +188,7 @@ class PrintedMarker {
   int cells_;
   double white_;
   std::vector<double> edges_;  // lattice lines, the sheet's own edges included
-  Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> shades_;
+  CellShades shades_;
 };
 
 }  // namespace evmarker

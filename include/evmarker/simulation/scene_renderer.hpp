@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "evmarker/camera.hpp"
@@ -54,12 +55,13 @@ class SceneRenderer {
       : camera_(camera),
         scene_(checked(std::move(scene))),
         point_spread_px_(point_spread_px),
+        fisheye_(std::holds_alternative<EquidistantDistortion>(camera.distortion())),
         grid_(camera.sensor_size()),
         texture_(scene_.background) {
     if (!(std::isfinite(point_spread_px) && point_spread_px > 0))
       throw std::invalid_argument("scene renderer: point_spread_px is " + std::to_string(point_spread_px));
     for (const auto& marker : scene_.markers)
-      prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white);
+      prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white, marker.shades);
     for (std::size_t i = 0; i < prints_.size(); ++i) everything_.markers.push_back(i);
     for (std::size_t i = 0; i < scene_.occluders.size(); ++i) everything_.occluders.push_back(i);
     compute_sights();
@@ -103,6 +105,7 @@ class SceneRenderer {
   PinholeCamera camera_;
   Scene scene_;
   double point_spread_px_;
+  bool fisheye_;
   TileGrid grid_;
   Texture texture_;
   std::vector<PrintedMarker> prints_;
@@ -199,6 +202,7 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
   std::array<MarkerView::Sample, 8> sheets;  // nearest first; what lies under more than these stays unseen
   std::size_t count = 0;
   const Sight& sight = sights_[index];
+  if (fisheye_) clearance = std::min(clearance, fisheye_reach_px(sight, camera_.focal_length()));
   if (remaining > 0 && sight.m.allFinite())
     for (const std::size_t i : there.markers) {
       const auto sheet = frame.markers_[i].sample(prints_[i], sight, point_spread_px_);

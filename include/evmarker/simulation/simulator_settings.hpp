@@ -10,14 +10,19 @@ namespace evmarker {
 /// The simulated sensor and how finely time is cut.
 struct SimulatorSettings {
   double duration_s = 1;
-  std::uint64_t seed = 1;               ///< of the pixels' thresholds, the noise and the latencies
+  std::uint64_t seed = 1;               ///< of the pixels' thresholds and leaks, the noise and the latencies
   double contrast_threshold_on = 0.25;  ///< step of log intensity that makes an ON event
   double contrast_threshold_off = 0.25;
   double threshold_mismatch = 0.03;   ///< standard deviation of the thresholds from pixel to pixel
   double refractory_us = 50;          ///< a pixel is dead for so long after its event
   double pixel_time_constant_us = 0;  ///< of the pixel's first-order low-pass of log intensity; 0 is infinitely fast
-  double point_spread_px = 0.6;       ///< sigma of the blur, lens and pixel area together
-  double noise_hz_per_px = 1;         ///< events without a cause, of random polarity
+  /// Added to that: the photoreceptor is as slow as it is dark. The time constant where the light is 1 (perfect white),
+  /// inversely proportional to a pixel's light.
+  double light_time_constant_us = 0;
+  double point_spread_px = 0.6;  ///< sigma of the blur, lens and pixel area together
+  double noise_hz_per_px = 1;    ///< events without a cause, of random polarity
+  double leak_hz_per_px = 0;     ///< ON events as the memorised level leaks away, of a pixel without mismatch
+  double leak_spread = 0.25;     ///< standard deviation of the logarithm of the leak from pixel to pixel
   double latency_jitter_us = 0;  ///< mean of the (exponentially distributed) time an event waits to leave its pixel
   double max_step_px = 0.25;     ///< nothing moves farther within a time step
   double max_step_us = 1000;     ///< nor is a trajectory asked more rarely
@@ -36,8 +41,11 @@ inline const SimulatorSettings& validated(const SimulatorSettings& s) {
   require(s.threshold_mismatch, "threshold_mismatch", true);
   require(s.refractory_us, "refractory_us", true);
   require(s.pixel_time_constant_us, "pixel_time_constant_us", true);
+  require(s.light_time_constant_us, "light_time_constant_us", true);
   require(s.point_spread_px, "point_spread_px", false);
   require(s.noise_hz_per_px, "noise_hz_per_px", true);
+  require(s.leak_hz_per_px, "leak_hz_per_px", true);
+  require(s.leak_spread, "leak_spread", true);
   require(s.latency_jitter_us, "latency_jitter_us", true);
   require(s.max_step_px, "max_step_px", false);
   require(s.max_step_us, "max_step_us", false);
