@@ -1,4 +1,4 @@
-#include "evmarker/capture.hpp"
+#include "evmarker/start_pose_search.hpp"
 
 #include <doctest/doctest.h>
 
@@ -46,7 +46,7 @@ TEST_CASE("starts 15 mm to a side, 45 mm in depth and 5 degrees off at 0.6 m are
       };
       ++runs;
       captured += locked({});
-      captured_without += locked({.capture = std::nullopt});
+      captured_without += locked({.start_search = std::nullopt});
     }
   }
   MESSAGE("captured " << captured << " of " << runs << ", without looking for the marker first " << captured_without);
