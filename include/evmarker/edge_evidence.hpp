@@ -5,9 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <tuple>
 #include <vector>
 
+#include "evmarker/cell_region.hpp"
 #include "evmarker/fading_counts.hpp"
 
 namespace evmarker {
@@ -20,21 +20,17 @@ namespace evmarker {
 /// cell, against how often that distance occurs in the region: with noise or clutter everywhere, nearness means little.
 class EdgeEvidence {
  public:
-  static constexpr int kFar = 6;        ///< [cells] farther is as bad: there is no event of this edge
-  static constexpr double kUnit = 16;   ///< of the stored ratios, to one nat
+  static constexpr int kFar = 6;          ///< [cells] farther is as bad: there is no event of this edge
+  static constexpr double kUnit = 16;     ///< of the stored ratios, to one nat
   static constexpr double kSilent = 0.5;  ///< of the edges move along themselves, are hidden or have no contrast
 
   explicit EdgeEvidence(std::size_t cells) : counts_(cells), distances_(cells), evidence_(cells) {}
 
-  /// Begins to compute for a region of width x height cells, of which those from (left, top) to before (right, bottom)
-  /// are on the sensor.
-  void start(int width, int height, std::array<int, 4> left_top_right_bottom, int scale, double total) noexcept {
-    width_ = width;
-    height_ = height;
-    std::tie(left_, top_, right_, bottom_) = std::tuple_cat(left_top_right_bottom);
+  /// Begins to compute for a region, of whose events in all its cells `total` count at a time scale.
+  void start(const CellRegion& region, int scale, double total) noexcept {
+    region_ = region;
     scale_ = scale;
-    const double cells = std::max(1.0, static_cast<double>(right_ - left_) * (bottom_ - top_));
-    least_ = static_cast<float>(least_count(9 * total / cells));
+    least_ = static_cast<float>(least_count(9 * total / std::max(1, region.cells_on_sensor())));
     histogram_.fill(1);
     pass_ = row_ = 0;
   }
@@ -44,10 +40,10 @@ class EdgeEvidence {
     switch (pass_) {
       case 0: copy_counts(counts, row_); break;
       case 1: measure_down(row_); break;
-      case 2: measure_up(height_ - 1 - row_); break;
+      case 2: measure_up(region_.height - 1 - row_); break;
       default: weigh(row_);
     }
-    if (++row_ < height_) return false;
+    if (++row_ < region_.height) return false;
     row_ = 0;
     if (++pass_ == 3) compare_with_region();
     return pass_ > 3;
@@ -55,12 +51,11 @@ class EdgeEvidence {
 
   /// In units of 1 / kUnit nat.
   std::int8_t operator[](std::size_t cell) const noexcept { return evidence_[cell]; }
-  const std::int8_t* data() const noexcept { return evidence_.data(); }
 
  private:
   static constexpr int kStraight = 3, kDiagonal = 4, kFarthest = kFar * kStraight;  // chamfer
 
-  std::size_t at(int x, int y) const noexcept { return static_cast<std::size_t>(y * width_ + x); }
+  std::size_t at(int x, int y) const noexcept { return static_cast<std::size_t>(y * region_.width + x); }
 
   // Exponentially weighted counts of mean m have variance m / 2: half of a Poisson variable of mean 2 m.
   static double least_count(double mean) noexcept {
@@ -74,22 +69,23 @@ class EdgeEvidence {
   }
 
   void copy_counts(const FadingCounts& counts, int y) noexcept {
-    for (int x = 0; x < width_; ++x) counts_[at(x, y)] = counts.count(at(x, y), scale_);
+    for (int x = 0; x < region_.width; ++x) counts_[at(x, y)] = counts.count(at(x, y), scale_);
   }
 
   float around(int x, int y) const noexcept {
     float sum = 0;
-    for (int v = std::max(0, y - 1); v <= std::min(height_ - 1, y + 1); ++v)
-      for (int u = std::max(0, x - 1); u <= std::min(width_ - 1, x + 1); ++u) sum += counts_[at(u, v)];
+    for (int v = std::max(0, y - 1); v <= std::min(region_.height - 1, y + 1); ++v)
+      for (int u = std::max(0, x - 1); u <= std::min(region_.width - 1, x + 1); ++u) sum += counts_[at(u, v)];
     return sum;
   }
 
   void relax(int& distance, int x, int y, int step) const noexcept {
-    if (x >= 0 && x < width_ && y >= 0 && y < height_) distance = std::min(distance, distances_[at(x, y)] + step);
+    if (x >= 0 && x < region_.width && y >= 0 && y < region_.height)
+      distance = std::min(distance, distances_[at(x, y)] + step);
   }
 
   void measure_down(int y) noexcept {
-    for (int x = 0; x < width_; ++x) {
+    for (int x = 0; x < region_.width; ++x) {
       int distance = kFarthest;
       if (around(x, y) >= least_) distance = 0;
       relax(distance, x - 1, y, kStraight);
@@ -101,15 +97,14 @@ class EdgeEvidence {
   }
 
   void measure_up(int y) noexcept {
-    const bool row_on_sensor = y >= top_ && y < bottom_;
-    for (int x = width_ - 1; x >= 0; --x) {
+    for (int x = region_.width - 1; x >= 0; --x) {
       int distance = distances_[at(x, y)];
       relax(distance, x + 1, y, kStraight);
       relax(distance, x, y + 1, kStraight);
       relax(distance, x + 1, y + 1, kDiagonal);
       relax(distance, x - 1, y + 1, kDiagonal);
       distances_[at(x, y)] = static_cast<std::uint8_t>(distance);
-      if (row_on_sensor && x >= left_ && x < right_) ++histogram_[static_cast<std::size_t>((distance + 1) / kStraight)];
+      if (region_.on_sensor(x, y)) ++histogram_[static_cast<std::size_t>((distance + 1) / kStraight)];
     }
   }
 
@@ -127,15 +122,14 @@ class EdgeEvidence {
       const auto whole = static_cast<std::size_t>(d / kStraight), next = std::min<std::size_t>(whole + 1, kFar);
       const double part = static_cast<double>(d % kStraight) / kStraight;
       const double value = kUnit * ((1 - part) * nats[whole] + part * nats[next]);
-      of_distance_[static_cast<std::size_t>(d)] = static_cast<std::int8_t>(std::clamp(std::round(value), -127.0, 127.0));
+      of_distance_[static_cast<std::size_t>(d)] =
+          static_cast<std::int8_t>(std::clamp(std::round(value), -127.0, 127.0));
     }
   }
 
   void weigh(int y) noexcept {
-    const bool row_on_sensor = y >= top_ && y < bottom_;
-    for (int x = 0; x < width_; ++x)
-      evidence_[at(x, y)] =
-          row_on_sensor && x >= left_ && x < right_ ? of_distance_[distances_[at(x, y)]] : std::int8_t{0};
+    for (int x = 0; x < region_.width; ++x)
+      evidence_[at(x, y)] = region_.on_sensor(x, y) ? of_distance_[distances_[at(x, y)]] : std::int8_t{0};
   }
 
   std::vector<float> counts_;
@@ -143,7 +137,7 @@ class EdgeEvidence {
   std::vector<std::int8_t> evidence_;
   std::array<double, kFar + 1> histogram_{};  // of the distances on the sensor, in whole cells
   std::array<std::int8_t, kFarthest + 1> of_distance_{};
-  int width_ = 0, height_ = 0, left_ = 0, top_ = 0, right_ = 0, bottom_ = 0;
+  CellRegion region_;
   int scale_ = 0, pass_ = 0, row_ = 0;
   float least_ = 0;
 };

@@ -304,8 +304,8 @@ class MarkerTracker {
   Verification<Rule> verification_;
   EdgeCoverage coverage_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
-  Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
-  PoseEstimate pose_;  // the last one that was told, but `quality.state` and what verification found are as of now
+  Eigen::Vector3d centre_;                       // of the model's bounding box, marker frame [m]
+  PoseEstimate pose_;      // the last one that was told, but `quality.state` and what verification found are as of now
   bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
