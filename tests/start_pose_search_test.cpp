@@ -100,15 +100,19 @@ struct Sketch {
     return off(T, random, 0.12 * length, side * 0.065 * T.translation().z(), 4);
   }
 
-  // How far the vertices are from where they were at that time, in the image.
+  // How far the vertices that are in the image are from where they were at that time.
   double error_px(const Eigen::Isometry3d& found, Timestamp t) const {
     const Eigen::Isometry3d truth = pose(static_cast<double>(t) * 1e-6);
     double squared = 0;
+    int seen = 0;
     for (const Eigen::Vector3d& vertex : model.vertices) {
       const Eigen::Vector3d P = found * vertex, Q = truth * vertex;
+      const Eigen::Vector2d at = focal_length() / Q.z() * Q.head<2>();
+      if ((at.cwiseAbs() - centre()).maxCoeff() > 0) continue;
+      ++seen;
       squared += (focal_length() * (P.head<2>() / P.z() - Q.head<2>() / Q.z())).squaredNorm();
     }
-    return std::sqrt(squared / static_cast<double>(model.vertices.size()));
+    return std::sqrt(squared / seen);
   }
 };
 
@@ -120,7 +124,7 @@ double run(StartPoseSearch& search, const std::vector<Event>& events, const Sket
   return -1;
 }
 
-void check_found(const char* what, const Sketch& sketch, double longest_s, double worst_px) {
+void check_found(const std::string& what, const Sketch& sketch, double longest_s, double worst_px) {
   double slowest_s = 0, farthest_px = 0;
   for (unsigned seed = 1; seed <= 5; ++seed) {
     CAPTURE(what);
@@ -232,7 +236,7 @@ TEST_CASE("no event takes more than a bounded number of look-ups, and noise not 
     }
     if (z < 1) CHECK(search.searches() > 0);  // or nothing was bounded
     CHECK(most <= StartPoseSearch::kMostLookUps);
-    CHECK(search.look_ups() < 2e7 + 0.05 * 500e6 + StartPoseSearch::kMostLookUps);
+    CHECK(search.look_ups() < 2e7 + 0.05 * 500e6 + 8e6);  // what is saved up, in 50 ms, a last search
   }
 }
 
@@ -250,7 +254,7 @@ TEST_CASE("a search goes on without end, or as long as it is told to") {
                         {.start_search = StartPoseSearchSettings{.longest = std::chrono::milliseconds(200)}});
   const PoseEstimate* last = nullptr;
   for (const Event& event : events) {
-    CHECK(tracker.searching() == (event.t - events.front().t <= 200000 && !last));
+    CHECK(tracker.searching() == (last == nullptr));
     if (const PoseEstimate* const pose = tracker.push(event)) last = pose;
   }
   REQUIRE(last);
@@ -339,7 +343,7 @@ std::pair<int, double> found_from(const Camera& camera, const MarkerModel& model
   for (const Start& start : starts) {
     StartPoseSearch search(model, f, Eigen::AlignedBox2d(f * lines.low(), f * lines.high()), start.T, {});
     for (auto event = std::ranges::lower_bound(events, static_cast<Timestamp>(start.t_us), {}, &Event::t);
-         event != events.end() && search.searching() && event->t < start.t_us + 1e6; ++event)
+         event != events.end() && search.searching() && static_cast<double>(event->t) < start.t_us + 1e6; ++event)
       if (search.push(*event, f * lines(*event))) times.push_back((static_cast<double>(event->t) - start.t_us) * 1e-6);
   }
   if (times.empty()) return {0, 1};

@@ -28,7 +28,8 @@ struct StartPoseReach {
 /// points, and does not allocate.
 class PoseGridSearch {
  public:
-  static constexpr int kPointCost = 8;  ///< of a point that is projected [look-ups]
+  static constexpr double kSpacing = 4;  ///< of the points along the edges, for which its evidence holds [cells]
+  static constexpr int kPointCost = 8;   ///< of a point that is projected [look-ups]
 
   /// Lays the grid around a rough pose.
   /// @param radius_px half of the wireframe's size in the image
@@ -64,11 +65,11 @@ class PoseGridSearch {
   int step(const EdgeEvidence& evidence) noexcept { return scanned_ ? refine(evidence) : scan(evidence); }
   bool done() const noexcept { return done_; }
 
-  /// The best pose, its evidence, and by how much that is ahead of all poses from which a tracker would not come to it
-  /// and of mere noise [nats]. Once it is done.
+  /// The best pose, the logarithm of the likelihood ratio of its edges to any place of the region, and by how much that
+  /// is ahead of all poses from which a tracker would not come to it [nats]. Once it is done.
   const Eigen::Isometry3d& T_best() const noexcept { return best_.T; }
-  double evidence() const noexcept { return best_.score / EdgeEvidence::kUnit; }
-  double lead() const noexcept { return (best_.score - rival_score_) / EdgeEvidence::kUnit; }
+  double evidence() const noexcept { return nats(best_.score); }
+  double lead() const noexcept { return nats(best_.score - rival_score_); }
 
  private:
   static constexpr double kStep = 3, kFineStep = 1.5;  // [cells] of the grid: an edge is felt at twice as much
@@ -81,6 +82,11 @@ class PoseGridSearch {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
     int score = 0;  // [1 / EdgeEvidence::kUnit nat]
   };
+
+  // Several points feel the same events, and err together: the nearer they are, the less each of them counts.
+  static double nats(int score) noexcept {
+    return score / EdgeEvidence::kUnit * std::min(1.0, kSpacing / EdgeEvidence::kFar);
+  }
 
   // How many places the grid has with the present step.
   double lay_steps() noexcept {

@@ -121,7 +121,6 @@ class StartPoseSearch {
   static constexpr double kWorkPerUs = 500, kMostEarned = 2e7;  // look-ups for a microsecond, and saved up
   static constexpr int kCellCost = 12;                          // of a cell in a pass of EdgeEvidence [look-ups]
   static constexpr std::size_t kReplayed = 4096;
-  static constexpr double kSpacing = 4;  // [cells] of the points along the edges: nearer, they err together
 
   enum class Phase { waiting, weighing, searching };
 
@@ -133,7 +132,7 @@ class StartPoseSearch {
     box = Eigen::AlignedBox2d(box.min().array() - margin_px, box.max().array() + margin_px);
     region_ = CellRegion::of(box, image_, kSide, EdgeEvidence::kFar);
     WireframePoints points;
-    points.place(model_, focal_length_, T_rough, kSpacing * region_.cell_px);
+    points.place(model_, focal_length_, T_rough, PoseGridSearch::kSpacing * region_.cell_px);
     least_events_ = 0.5 * points.length_px() / region_.cell_px;
     grid_.lay(region_, points, focal_length_, T_rough, reach, radius_px);
     needed_nats_ = std::log(grid_.places() / settings_.false_alarms);
