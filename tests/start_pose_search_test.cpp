@@ -93,11 +93,13 @@ struct Sketch {
     return {model, focal_length(), Eigen::AlignedBox2d(-centre(), centre()), T_rough, settings};
   }
 
-  // Off by two thirds of what is within reach, this way or that.
+  // Off by two thirds of what is within reach, this way or that; in depth along its line of sight.
   Eigen::Isometry3d rough(unsigned seed) const {
     std::mt19937 random(seed);
-    const double length = (model.vertices[0] - model.vertices[1]).norm(), side = seed % 2 == 0 ? 1 : -1;
-    return off(T, random, 0.12 * length, side * 0.065 * T.translation().z(), 4);
+    const double length = (model.vertices[0] - model.vertices[1]).norm();
+    Eigen::Isometry3d rough = T;
+    rough.translation() *= seed % 2 == 0 ? 1.065 : 0.935;
+    return off(rough, random, 0.12 * length, 0, 4);
   }
 
   // How far the vertices that are in the image are from where they were at that time.
