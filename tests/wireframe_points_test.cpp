@@ -2,7 +2,7 @@
 
 #include <doctest/doctest.h>
 
-#include "evmarker/pose.hpp"
+#include "evmarker/trajectory.hpp"
 #include "evmarker/so3.hpp"
 
 using namespace evmarker;

@@ -27,7 +27,7 @@ struct CellRegion {
         ((seen.sizes() / region.cell_px).array().floor().cast<int>() + 2 * rim + 1).min(most).eval();
     region.width = size.x();
     region.height = size.y();
-    const Eigen::Array2i first = region.place(image.min()).array().floor().max(0).cast<int>();
+    const Eigen::Array2i first = (region.place(image.min()).array() + 1e-6).floor().max(0).cast<int>();
     const Eigen::Array2i last = region.place(image.max()).array().floor().min(most).cast<int>().min(size - 1);
     region.left = first.x();
     region.top = first.y();
