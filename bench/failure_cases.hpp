@@ -126,7 +126,7 @@ inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& e
   const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
   Tracker::Settings judging;
   judging.max_silent_share = 1;
-  judging.capture.reset();         // a bad start is to stay bad
+  judging.start_search.reset();         // a bad start is to stay bad
   judging.verification.every = 1;  // to see the signal all the time, as in the paper's figure
   Tracker::Settings never_stopped = judging;
   never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;

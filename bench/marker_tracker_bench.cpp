@@ -17,7 +17,7 @@ using bench::Pushed;
 // of the quality. The pose error comes from a pass over the same events before.
 template <PoseUpdateRule Rule>
 void run(benchmark::State& state, MarkerTrackerSettings<Rule> settings, Pushed pushed) {
-  settings.capture.reset();  // the start is that of a detection
+  settings.start_search.reset();  // the start is that of a detection
   using Tracker = MarkerTracker<Rule>;
   const auto& recording = bench::recording();
   const Tracker start(bench::camera(), recording.model(), recording.detected_start(), settings);

@@ -30,7 +30,7 @@ Run run(const std::string& rule, int n) {
   const auto& recording = bench::recording();
   SpatiotemporalFilter filter(bench::camera().sensor_size());
   MarkerTrackerSettings<Rule> settings{.events_per_update = n};
-  settings.capture.reset();  // the start is that of a detection
+  settings.start_search.reset();  // the start is that of a detection
   MarkerTracker<Rule> tracker(bench::camera(), recording.model(), recording.detected_start(), settings);
   Run run{rule + " n=" + std::to_string(n), {}, 0};
   AccuracyMeter accuracy;

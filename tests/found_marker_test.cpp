@@ -32,7 +32,7 @@ TEST_CASE("of both poses the right one goes on, whichever was first and however 
       if (!right_one_first && converging_events == 0) continue;  // nothing to decide by
       CAPTURE(right_one_first);
       CAPTURE(converging_events);
-      MarkerTrackerSettings<> settings{.converging_events = converging_events, .capture = std::nullopt};
+      MarkerTrackerSettings<> settings{.converging_events = converging_events, .start_search = std::nullopt};
       FoundMarker<KalmanUpdate> marker(lines, model, detection(motion(0), right_one_first), settings);
       AccuracyMeter meter;
       Timestamp last = 0;

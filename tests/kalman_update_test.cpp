@@ -611,7 +611,7 @@ MarkerTracker<KalmanUpdate> tracker(const Isometry3d& truth, int n) {
   return {simulated::camera,
           kCode,
           perturbed(truth, step({-0.002, 0.001, 0.01}, {-0.015, 0.02, 0.01})),
-          {.events_per_update = n, .capture = std::nullopt}};
+          {.events_per_update = n, .start_search = std::nullopt}};
 }
 
 }  // namespace

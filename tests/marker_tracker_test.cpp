@@ -86,7 +86,7 @@ TEST_CASE("the outline alone is tracked too, only less well") {
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));
-  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000, .capture = std::nullopt});
+  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000, .start_search = std::nullopt});
   int poses = 0;
   for (const Event& event : events) {
     const auto pose = tracker.push(event);
@@ -232,7 +232,7 @@ TEST_CASE("what is said to stay stays, whatever the next events are") {
                                          .converging_events = 1000,
                                          .min_matched_fraction = 0.6,
                                          .matched_fraction_events = 100,
-                                         .capture = {}};
+                                         .start_search = {}};
   auto tracker = code_tracker(detected(motion(0)), settings);
   const auto beside = [](Event event) {
     event.x = static_cast<std::uint16_t>(std::min(event.x + 6, 639));

@@ -54,7 +54,7 @@ TEST_CASE("a marker's paper hides what is farther away, once the marker is track
   const Trajectory motion = simulated::near_motion(43);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.1, 43));
   const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
-  MarkerTracker tracker(simulated::camera, model, motion(0), {.capture = std::nullopt});
+  MarkerTracker tracker(simulated::camera, model, motion(0), {.start_search = std::nullopt});
   const MarkerTracker behind(simulated::camera, model, facing_pose({0, 0, 0.9})),
       before(simulated::camera, model, facing_pose({0, 0, 0.3}));
   const auto centre = [&]() -> Eigen::Vector2d { return tracker.T_camera_marker().translation().hnormalized(); };

@@ -14,11 +14,11 @@
 #include <tuple>
 #include <utility>
 
-#include "evmarker/capture.hpp"
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
 #include "evmarker/misfit.hpp"
 #include "evmarker/pose.hpp"
+#include "evmarker/start_pose_search.hpp"
 #include "evmarker/track_health.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
@@ -35,7 +35,8 @@ struct MarkerTrackerSettings {
   bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
   double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
   int converging_events = 500;          ///< matched at least before the pose is `tracking`
-  std::optional<CaptureSettings> capture = CaptureSettings{};  ///< first look for the marker near its start pose
+  /// The marker is first searched around its start pose; without it, tracked from there.
+  std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
 };
 
 /// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
@@ -65,9 +66,10 @@ class MarkerTracker {
     };
     require(settings.converging_events >= 0, "converging_events", settings.converging_events);
     pose_.id = id;
-    if (settings.capture) {
-      capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
-      capturing_ = true;
+    if (settings.start_search) {
+      const Eigen::AlignedBox2d image(lines_.focal_length() * lines_.low(), lines_.focal_length() * lines_.high());
+      start_search_.emplace(this->model(), lines_.focal_length(), image, T_camera_marker, *settings.start_search);
+      starting_ = true;
     }
   }
 
@@ -78,8 +80,8 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
-    if (capturing_) [[unlikely]]
-      return capture(Event(event), m);                            // a copy: `event` itself stays in registers
+    if (starting_) [[unlikely]]
+      return start(Event(event), m);                                  // a copy: `event` itself stays in registers
     return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
   }
 
@@ -89,7 +91,7 @@ class MarkerTracker {
   void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     std::span<const std::ranges::range_value_t<Events>> events(all);
     while (!events.empty() && pose_.quality.state != TrackingState::lost) {
-      if (capturing_ || !follower_.in_groups()) {
+      if (starting_ || !follower_.in_groups()) {
         if (const PoseEstimate* const pose = push(events.front())) use(*pose);
         events = events.subspan(1);
         continue;
@@ -116,9 +118,13 @@ class MarkerTracker {
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (pose_.quality.state == TrackingState::lost || missing <= kBriefly) return nullptr;
+    if (searching()) {
+      start_search_->forget();
+      return nullptr;
+    }
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = t_ + missing.count();
-      if (!capturing_ && knows_edges(pose_at(t))) {
+      if (!starting_ && knows_edges(pose_at(t))) {
         follower_.extrapolate(t);
         verification_.start_window(follower_);
         t_ = t;
@@ -162,7 +168,7 @@ class MarkerTracker {
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
   /// @param around the least width of what it contains around a code marker [cells]
   Eigen::AlignedBox2d reach(double around = 0) const noexcept {
-    return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
+    return starting_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
   }
 
   /// True while it tracks and no evidence speaks against that.
@@ -171,9 +177,14 @@ class MarkerTracker {
   /// True if no sequence of so many events can change the pose, the state or `reliable()`.
   bool stays(std::size_t events) const noexcept {
     if (events == 0 || state() == TrackingState::lost) return true;
-    return !capturing_ && events < follower_.until_update() && !verification_.ends_within(events) &&
+    return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
            health_.stays(events);
   }
+
+  /// Whether the marker is still searched around its start pose: the state is `converging`, there is no pose yet.
+  bool searching() const noexcept { return starting_ && start_search_->searching(); }
+  /// How the search goes, or went; null without one.
+  const StartPoseSearch* start_search() const noexcept { return start_search_ ? &*start_search_ : nullptr; }
 
   MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
@@ -251,15 +262,23 @@ class MarkerTracker {
     pose.quality.health = health_.probability();
   }
 
-  // The first events tell where the marker is; from there they are tracked.
-  const PoseEstimate* capture(const Event& event, const Eigen::Vector2d& m) noexcept {
-    if (!capture_->push(event, lines_.focal_length() * m)) return nullptr;
-    capturing_ = false;
-    follower_.start_from(capture_->solve());
-    verification_.start_window(follower_);
+  // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
+  const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
+    constexpr int kReplayed = 8;
+    if (searching()) {
+      if (!start_search_->push(event, lines_.focal_length() * m)) return nullptr;
+      if (start_search_->state() == StartPoseSearch::State::given_up) return &lose(LossReason::not_confirmed);
+      follower_.start_from(start_search_->T_found());
+      verification_.start_window(follower_);
+      return nullptr;
+    }
+    start_search_->keep(event);
     const PoseEstimate* pose = nullptr;
-    for (const Event& first : capture_->events())
-      if (const PoseEstimate* const next = push(first)) pose = next;
+    for (int i = 0; i < kReplayed && starting_ && state() != TrackingState::lost; ++i) {
+      const Event past = start_search_->replay();
+      if (const PoseEstimate* const next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
+      starting_ = start_search_->replaying();
+    }
     return pose;
   }
 
@@ -301,10 +320,10 @@ class MarkerTracker {
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
   TrackHealth health_;
-  std::optional<Capture> capture_;  // kept when it is done: nothing is freed while events come
-  Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
-  PoseEstimate pose_;  // the last one that was told, but `quality.state` and what verification found are as of now
-  bool capturing_ = false;
+  std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
+  Eigen::Vector3d centre_;                       // of the model's bounding box, marker frame [m]
+  PoseEstimate pose_;      // the last one that was told, but `quality.state` and what verification found are as of now
+  bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
   Misfit misfit_;                       // of the first updates

@@ -45,7 +45,7 @@ class TrackerCore {
         candidates_(settings.max_markers),
         by_time_(settings.max_markers + kBetweenChecks) {
     validate(settings);
-    settings_.marker.capture.reset();  // a detection has been fitted to the edges already
+    settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
     missing_.reserve(settings.max_markers);
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
