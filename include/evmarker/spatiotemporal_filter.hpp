@@ -34,7 +34,7 @@ class SpatiotemporalFilter {
   explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = kAutomaticWindow)
       : stride_(static_cast<std::size_t>(size.width) + 2),
         window_(static_cast<std::uint32_t>(window.count())),
-        activity_(static_cast<double>(size.width) * size.height, kEventsPerSample) {
+        activity_(static_cast<double>(size.width) * size.height) {
     if (size.width < 1 || size.height < 1)
       throw std::invalid_argument("filter: sensor size is " + std::to_string(size.width) + " x " +
                                   std::to_string(size.height));
@@ -42,7 +42,7 @@ class SpatiotemporalFilter {
       throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in [0, 8 min]");
     last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
     if (window == kAutomaticWindow) {
-      until_sample_ = kEventsPerSample;
+      until_sample_ = BackgroundActivity::kEventsAtFirst;
       follow_activity();
     }
   }
@@ -99,12 +99,11 @@ class SpatiotemporalFilter {
 
   // How long ago there was an event at this pixel or a neighbour, or how long after, where times step back.
   [[gnu::noinline]] void sample(const Event& event, const std::uint32_t* pixel) noexcept {
-    until_sample_ = kEventsPerSample;
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t age = kFarSide;
     for (const std::uint32_t* const middle : {pixel - stride_, pixel, pixel + stride_})
       for (const std::uint32_t last : {middle[-1], middle[0], middle[1]}) age = std::min({age, now - last, last - now});
-    activity_.add(age, event.t);
+    until_sample_ = activity_.add(age, event.t);
     follow_activity();
   }
 
@@ -112,9 +111,6 @@ class SpatiotemporalFilter {
     constexpr double kNoise = 0.01, kLeast_us = 500, kMost_us = 50000;
     window_ = static_cast<std::uint32_t>(std::clamp(1e6 * kNoise / activity_.hz_per_px(), kLeast_us, kMost_us));
   }
-
-  // Of the background activity one event in 31 is as good as all. An odd number: a sensor's readout has none.
-  static constexpr std::uint64_t kEventsPerSample = 31;
 
   std::size_t stride_;              // a border of one pixel all around never gets an event and needs no test
   std::uint32_t window_;            // [us]

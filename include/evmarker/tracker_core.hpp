@@ -93,9 +93,9 @@ class TrackerCore {
         check_meanwhile();
       if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
         break;
-      const bool passes = guard_.judge(event) == TimeGuard::Verdict::pass;
       ++statistics_.events;
-      if (!passes) continue;
+      if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
+        continue;
       const Entry entry = enter(event);
       if (entry == Entry::off_sensor) continue;
       markers_.push_soon(event, delivering());
