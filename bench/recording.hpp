@@ -103,7 +103,7 @@ inline const Recording& recording(int markers = 1) {
   if (const auto known = simulated.find(markers); known != simulated.end()) return known->second;
   Recording recording;
   Simulator simulator(camera(), markers == 1 ? one_marker() : many_markers(markers), simulator_settings());
-  SpatiotemporalFilter filter(camera().sensor_size());
+  SpatiotemporalFilter filter(camera().sensor_size(), kPaperWindow);
   for_each_event(simulator, [&](const Event& event) {
     recording.events.push_back(event);
     if (filter.accept(event)) recording.filtered.push_back(event);

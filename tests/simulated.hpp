@@ -47,7 +47,7 @@ inline std::vector<Event> near_events(const Trajectory& motion, double duration_
 
 /// Those that pass the noise filter.
 inline std::vector<Event> filtered(const std::vector<Event>& events) {
-  SpatiotemporalFilter filter(camera.sensor_size());
+  SpatiotemporalFilter filter(camera.sensor_size(), kPaperWindow);
   std::vector<Event> kept;
   for (const Event& event : events)
     if (filter.accept(event)) kept.push_back(event);

@@ -9,6 +9,7 @@
 #include <utility>
 
 using evmarker::Event;
+using evmarker::kPaperWindow;
 using evmarker::SensorSize;
 using evmarker::SpatiotemporalFilter;
 using evmarker::Timestamp;
@@ -76,7 +77,7 @@ TEST_CASE("the first event has no support, whenever it comes") {
        {Timestamp{0}, Timestamp{1}, Timestamp{1999}, Timestamp{-5}, kWrap / 2, kWrap - 1, kWrap, kWrap + 5,
         1000 * kWrap, std::numeric_limits<Timestamp>::max(), std::numeric_limits<Timestamp>::min()}) {
     CAPTURE(t);
-    SpatiotemporalFilter filter({4, 4});
+    SpatiotemporalFilter filter({4, 4}, kPaperWindow);
     CHECK_FALSE(filter.accept(event_at(1, 1, t)));
   }
 }
@@ -88,7 +89,7 @@ TEST_CASE("each of the 8 neighbours supports, in every corner, on every border a
     for (int x = 0; x < kSize.width; ++x)
       for (int other_y = 0; other_y < kSize.height; ++other_y)
         for (int other_x = 0; other_x < kSize.width; ++other_x) {
-          SpatiotemporalFilter filter(kSize);
+          SpatiotemporalFilter filter(kSize, kPaperWindow);
           REQUIRE_FALSE(filter.accept(event_at(other_x, other_y, 1000)));
           const bool neighbour = std::max(std::abs(x - other_x), std::abs(y - other_y)) == 1;
           CAPTURE(x);
@@ -102,7 +103,7 @@ TEST_CASE("each of the 8 neighbours supports, in every corner, on every border a
 }
 
 TEST_CASE("a sensor of one pixel, one row or one column works") {
-  SpatiotemporalFilter one({1, 1}), row({3, 1}), column({1, 3});
+  SpatiotemporalFilter one({1, 1}, kPaperWindow), row({3, 1}, kPaperWindow), column({1, 3}, kPaperWindow);
   for (Timestamp t = 0; t < 10; ++t) CHECK_FALSE(one.accept(event_at(0, 0, t)));
   CHECK_FALSE(row.accept(event_at(2, 0, 0)));
   CHECK(row.accept(event_at(1, 0, 1)));
@@ -112,7 +113,7 @@ TEST_CASE("a sensor of one pixel, one row or one column works") {
 }
 
 TEST_CASE("a hot pixel does not support itself") {
-  SpatiotemporalFilter filter({8, 8});
+  SpatiotemporalFilter filter({8, 8}, kPaperWindow);
   for (Timestamp t = 0; t < 10000; t += 10) CHECK_FALSE(filter.accept(event_at(3, 3, t)));
 }
 
@@ -130,8 +131,8 @@ TEST_CASE("support ends exactly with the window") {
   }
 }
 
-TEST_CASE("the default window is the paper's 2000 us") {
-  SpatiotemporalFilter filter({4, 4});
+TEST_CASE("the paper's window is 2000 us") {
+  SpatiotemporalFilter filter({4, 4}, kPaperWindow);
   filter.accept(event_at(0, 0, 0));
   CHECK(filter.accept(event_at(1, 0, 2000)));
   CHECK_FALSE(filter.accept(event_at(2, 0, 4001)));
@@ -140,21 +141,21 @@ TEST_CASE("the default window is the paper's 2000 us") {
 TEST_CASE("either polarity supports either") {
   for (const int first : {-1, 0, 1})
     for (const int second : {-1, 0, 1}) {
-      SpatiotemporalFilter filter({4, 4});
+      SpatiotemporalFilter filter({4, 4}, kPaperWindow);
       filter.accept(event_at(0, 0, 10, first));
       CHECK(filter.accept(event_at(1, 0, 20, second)));
     }
 }
 
 TEST_CASE("a rejected event supports the next one") {
-  SpatiotemporalFilter filter({4, 4});
+  SpatiotemporalFilter filter({4, 4}, kPaperWindow);
   CHECK_FALSE(filter.accept(event_at(0, 0, 0)));
   CHECK_FALSE(filter.accept(event_at(2, 0, 1)));
   CHECK(filter.accept(event_at(3, 0, 2)));
 }
 
 TEST_CASE("times that step back a little are supported, far back not") {
-  SpatiotemporalFilter little({4, 4}), far({4, 4}), hours({4, 4});
+  SpatiotemporalFilter little({4, 4}, kPaperWindow), far({4, 4}, kPaperWindow), hours({4, 4}, kPaperWindow);
   little.accept(event_at(0, 0, 10000));
   CHECK(little.accept(event_at(1, 0, 8000)));
   CHECK_FALSE(little.accept(event_at(0, 1, 5999)));
@@ -167,7 +168,7 @@ TEST_CASE("times that step back a little are supported, far back not") {
 
 TEST_CASE("the times come round after 71.58 minutes without anyone noticing") {
   for (const Timestamp wrap : {kWrap, 2 * kWrap, 7 * kWrap, kWrap / 2}) {
-    SpatiotemporalFilter across({4, 4}), stale({4, 4});
+    SpatiotemporalFilter across({4, 4}, kPaperWindow), stale({4, 4}, kPaperWindow);
     across.accept(event_at(0, 0, wrap - 10));
     CHECK(across.accept(event_at(1, 0, wrap + 10)));
     CHECK_FALSE(across.accept(event_at(2, 0, wrap + 2500)));
@@ -194,7 +195,7 @@ TEST_CASE("no pause, however long, makes an event recent") {
     }
   for (const Timestamp power : {29, 30, 31, 32, 33})  // the places where 32 bits could mistake it
     for (Timestamp off = -3000; off <= 3000; off += 100) {
-      SpatiotemporalFilter filter({4, 4});
+      SpatiotemporalFilter filter({4, 4}, kPaperWindow);
       filter.accept(event_at(0, 0, 50));
       CAPTURE(power);
       CAPTURE(off);
@@ -244,8 +245,8 @@ TEST_CASE("an impossible size or window is refused with its value") {
   CHECK(message_of({4, 4}, 8min) == "accepted");
   CHECK(message_of({0, 4}, 2ms) == "filter: sensor size is 0 x 4");
   CHECK(message_of({4, -4}, 2ms) == "filter: sensor size is 4 x -4");
-  CHECK(message_of({4, 4}, 0us) == "filter: window is 0 us, not in (0, 8 min]");
-  CHECK(message_of({4, 4}, -3us) == "filter: window is -3 us, not in (0, 8 min]");
-  CHECK(message_of({4, 4}, 8min + 1us) == "filter: window is 480000001 us, not in (0, 8 min]");
-  CHECK(message_of({4, 4}, 100h) == "filter: window is 360000000000 us, not in (0, 8 min]");
+  CHECK(message_of({4, 4}, evmarker::kAutomaticWindow) == "accepted");
+  CHECK(message_of({4, 4}, -3us) == "filter: window is -3 us, not in [0, 8 min]");
+  CHECK(message_of({4, 4}, 8min + 1us) == "filter: window is 480000001 us, not in [0, 8 min]");
+  CHECK(message_of({4, 4}, 100h) == "filter: window is 360000000000 us, not in [0, 8 min]");
 }

@@ -306,7 +306,9 @@ TEST_CASE("after missing events, what was found before them is not followed") {
     for (const Event& event : events) {
       if (event.t >= kFrom && event.t < kFrom + missing) continue;
       if (event.t >= kFrom && !std::exchange(skipped, true)) core.skip_to(event.t);
-      if (!core.push(event)) continue;
+      bool supported = false;
+      core.push(event, [&](const Event&) { supported = true; });
+      if (!supported) continue;
       if (!findings && event.t > kFrom - 5000) findings = answer(detector, core.polarity_frame(), core.look(event.t));
       if (findings && core.answer_awaited() && core.answer_due(event.t)) core.take(*findings);
     }
@@ -344,9 +346,9 @@ TEST_CASE("times at the ends of their range do no harm") {
   REQUIRE(!track(tracker, events).empty());
   int poses = 0;
   constexpr auto kFirst = std::numeric_limits<Timestamp>::min(), kLast = std::numeric_limits<Timestamp>::max();
-  for (std::size_t i = 0; i < events.size(); ++i) {  // real places, times that jump to and fro
+  for (std::size_t i = 0; i < events.size(); ++i) {  // real places, times that jump to and fro, each for ten events
     Event event = events[i];
-    event.t = i % 3 == 0 ? kLast : i % 3 == 1 ? kFirst : event.t;
+    event.t = i / 10 % 3 == 0 ? kLast : i / 10 % 3 == 1 ? kFirst : event.t;
     for (const PoseEstimate& pose : tracker.push(event)) {
       ++poses;
       CHECK(pose.T_camera_marker.matrix().allFinite());
@@ -354,7 +356,7 @@ TEST_CASE("times at the ends of their range do no harm") {
   }
   CHECK(poses > 0);
   CHECK(tracker.statistics().events == 2 * events.size());
-  CHECK(tracker.statistics().time_steps_back > events.size() / 4);
+  CHECK(tracker.statistics().time_steps_back > events.size() / 40);
 }
 
 TEST_CASE("several markers are tracked at once, each by its own id") {
@@ -475,6 +477,7 @@ TEST_CASE("settings out of range are named") {
   CHECK_THROWS_WITH(make({.detection_latency = -1us}), doctest::Contains("detection_latency"));
   CHECK_THROWS_WITH(make({.detections_to_confirm = 0}), doctest::Contains("detections_to_confirm is 0"));
   CHECK_THROWS_WITH(make({.max_markers = 0}), doctest::Contains("max_markers is 0"));
-  CHECK_THROWS_WITH(make({.filter_window = 0us}), doctest::Contains("window is 0 us"));
+  CHECK_NOTHROW(make({.filter_window = kAutomaticWindow}));
+  CHECK_THROWS_WITH(make({.filter_window = -1us}), doctest::Contains("window is -1 us"));
   CHECK_THROWS_WITH(make({.history_events = 0}), doctest::Contains("history"));
 }

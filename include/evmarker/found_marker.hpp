@@ -25,23 +25,24 @@ class FoundMarker {
       rival_.emplace(lines, model, *detection.T_camera_marker_alternative, deciding(settings, detection), detection.id);
   }
 
-  const PoseEstimate* push(const Event& event) noexcept {
+  /// Takes one event, whose time has been judged already: see MarkerTracker::push_in_time.
+  [[gnu::flatten]] const PoseEstimate* push(const Event& event) noexcept {
     if (rival_) [[unlikely]]
-      rival_->push(event);
-    const PoseEstimate* const pose = tracker_.push(event);
+      rival_->push_in_time(event);
+    const PoseEstimate* const pose = tracker_.push_in_time(event);
     if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
       if (settle()) return &tracker_.tell();
     return pose;
   }
 
-  /// Takes many: see MarkerTracker::push.
+  /// Takes many.
   template <std::invocable<const PoseEstimate&> Use>
   void push(std::span<const Event> events, const Use& use) {
     while (rival_ && !events.empty()) {
       if (const PoseEstimate* const pose = push(events.front())) use(*pose);
       events = events.subspan(1);
     }
-    tracker_.push(events, use);
+    tracker_.push_in_time(events, use);
   }
 
   /// See MarkerTracker::skip.

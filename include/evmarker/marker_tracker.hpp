@@ -19,6 +19,7 @@
 #include "evmarker/misfit.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/start_pose_search.hpp"
+#include "evmarker/time_guard.hpp"
 #include "evmarker/track_health.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
@@ -74,9 +75,48 @@ class MarkerTracker {
   }
 
   /// Takes one event. A pose every `events_per_update` matched ones, valid until the next push, and one last pose with
-  /// state `lost` when the marker is lost; after that, nothing (null).
+  /// state `lost` when the marker is lost; after that, nothing (null). An event with a time that may be wrong waits for
+  /// the next one, see TimeGuard; where both lead to a pose, the later one is returned.
   template <EventLike E>
   [[gnu::flatten]] const PoseEstimate* push(const E& foreign_event) noexcept {
+    const Event event = to_event(foreign_event);
+    const PoseEstimate* released = nullptr;
+    if (guard_.releases(event.t)) [[unlikely]] {
+        guard_.judge(event);
+        released = push_in_time(Event(guard_.held()));
+      }
+    if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
+      return released;
+    const PoseEstimate* const pose = push_in_time(event);
+    return pose != nullptr ? pose : released;
+  }
+
+  /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
+  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    std::span<const std::ranges::range_value_t<Events>> events(all);
+    const auto t = [&](std::size_t i) { return EventTraits<std::ranges::range_value_t<Events>>::t(events[i]); };
+    while (!events.empty()) {
+      std::size_t count = 0;  // of those that need not wait
+      if (guard_.passes(t(0)))
+        for (count = 1; count < events.size() && TimeGuard::near(t(count - 1), t(count));) ++count;
+      if (count > 0) {
+        push_in_time(events.first(count), use);
+        guard_.passed(t(count - 1));
+      } else if (const PoseEstimate* const pose = push(events.front())) {
+        use(*pose);
+      }
+      events = events.subspan(std::max<std::size_t>(count, 1));
+    }
+  }
+
+  /// Events that were discarded because the events before and after contradict their times.
+  std::uint64_t time_faults() const noexcept { return guard_.faults(); }
+
+  /// Takes one event whose time need not be judged: as `push` otherwise.
+  template <EventLike E>
+  [[gnu::always_inline]] const PoseEstimate* push_in_time(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
     if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
@@ -85,14 +125,14 @@ class MarkerTracker {
     return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
   }
 
-  /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
+  /// Takes many events whose times need not be judged: as `push` otherwise.
   template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+  void push_in_time(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     std::span<const std::ranges::range_value_t<Events>> events(all);
     while (!events.empty() && pose_.quality.state != TrackingState::lost) {
       if (starting_ || !follower_.in_groups()) {
-        if (const PoseEstimate* const pose = push(events.front())) use(*pose);
+        if (const PoseEstimate* const pose = push_one_in_time(events.front())) use(*pose);
         events = events.subspan(1);
         continue;
       }
@@ -262,6 +302,11 @@ class MarkerTracker {
     pose.quality.health = health_.probability();
   }
 
+  template <typename E>
+  [[gnu::flatten, gnu::noinline]] const PoseEstimate* push_one_in_time(const E& event) noexcept {
+    return push_in_time(event);
+  }
+
   // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
   const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
     constexpr int kReplayed = 8;
@@ -317,6 +362,7 @@ class MarkerTracker {
 
   Settings settings_;
   UndistortionTable lines_;
+  TimeGuard guard_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
   TrackHealth health_;

@@ -1,5 +1,6 @@
 #pragma once
 // Floor 2. Background-activity filter: an event needs a recent neighbour.
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <limits>
@@ -7,24 +8,43 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/background_activity.hpp"
 #include "evmarker/event_stream.hpp"
 
 namespace evmarker {
 
+/// A filter's window that follows the noise of the sensor.
+inline constexpr std::chrono::microseconds kAutomaticWindow{0};
+/// The window of the paper's filter.
+inline constexpr std::chrono::microseconds kPaperWindow{2000};
+
 /// Lets an event through if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
 /// it (or after it, where recordings step back in time). The pixel itself does not count: a hot pixel supports nobody,
-/// least of all itself. The paper's preprocessing, 2000 us.
+/// least of all itself. The paper's preprocessing, with 2000 us.
+///
+/// A fixed window is a statement about speed: the neighbours of an edge's pixel fire within the time in which it moves
+/// by a pixel. Noise of rate r, in Hz/px, passes with 1 - exp(-8 r window). So the automatic window is as long as lets
+/// one noise event in thirteen pass: 0.01 / r, by the background activity that was measured so far, but not more than
+/// 50 ms: edges of 20 px/s are let through by then, and memories of an older edge would support any noise in its trail.
+/// And not less than 0.5 ms: there are 20 Hz/px of noise, and edges slower than 2000 px/s would only pass by chance.
 class SpatiotemporalFilter {
  public:
-  /// @throws std::invalid_argument if the window is not in (0, 8 minutes]
-  explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = std::chrono::microseconds(2000))
-      : stride_(static_cast<std::size_t>(size.width) + 2), window_(static_cast<std::uint32_t>(window.count())) {
+  /// @param window `kAutomaticWindow`, or fixed
+  /// @throws std::invalid_argument if the window is not in [0, 8 minutes]
+  explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = kAutomaticWindow)
+      : stride_(static_cast<std::size_t>(size.width) + 2),
+        window_(static_cast<std::uint32_t>(window.count())),
+        activity_(static_cast<double>(size.width) * size.height) {
     if (size.width < 1 || size.height < 1)
       throw std::invalid_argument("filter: sensor size is " + std::to_string(size.width) + " x " +
                                   std::to_string(size.height));
-    if (window.count() < 1 || window > std::chrono::minutes(8))
-      throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in (0, 8 min]");
+    if (window.count() < 0 || window > std::chrono::minutes(8))
+      throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in [0, 8 min]");
     last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
+    if (window == kAutomaticWindow) {
+      until_sample_ = BackgroundActivity::kEventsAtFirst;
+      follow_activity();
+    }
   }
 
   /// True if the event, which must lie on the sensor, has support.
@@ -40,9 +60,14 @@ class SpatiotemporalFilter {
     const unsigned supported = recent(pixel - stride_ - 1) | recent(pixel - stride_) | recent(pixel - stride_ + 1) |
                                recent(pixel - 1) | recent(pixel + 1) |  //
                                recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
+    if (--until_sample_ == 0) [[unlikely]]
+      sample(event, pixel);
     *pixel = now;
     return supported != 0;
   }
+
+  /// As of the last event.
+  std::chrono::microseconds window() const noexcept { return std::chrono::microseconds(window_); }
 
   /// Has what `accept` will need for the event, which must lie on the sensor, brought into the cache.
   void prefetch(const Event& event) const noexcept {
@@ -72,8 +97,25 @@ class SpatiotemporalFilter {
     swept_at_ = t;
   }
 
-  std::size_t stride_;  // a border of one pixel all around never gets an event and needs no test
-  std::uint32_t window_;
+  // How long ago there was an event at this pixel or a neighbour, or how long after, where times step back.
+  [[gnu::noinline]] void sample(const Event& event, const std::uint32_t* pixel) noexcept {
+    const auto now = static_cast<std::uint32_t>(event.t);
+    std::uint32_t age = kFarSide;
+    for (const std::uint32_t* const middle : {pixel - stride_, pixel, pixel + stride_})
+      for (const std::uint32_t last : {middle[-1], middle[0], middle[1]}) age = std::min({age, now - last, last - now});
+    until_sample_ = activity_.add(age, event.t);
+    follow_activity();
+  }
+
+  void follow_activity() noexcept {
+    constexpr double kNoise = 0.01, kLeast_us = 500, kMost_us = 50000;
+    window_ = static_cast<std::uint32_t>(std::clamp(1e6 * kNoise / activity_.hz_per_px(), kLeast_us, kMost_us));
+  }
+
+  std::size_t stride_;              // a border of one pixel all around never gets an event and needs no test
+  std::uint32_t window_;            // [us]
+  std::uint64_t until_sample_ = 0;  // events; none is ever due with a fixed window
+  BackgroundActivity activity_;
   std::vector<std::uint32_t> last_;
   Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;
 };

@@ -31,9 +31,7 @@ class Tracker {
   /// Takes one event. Returns the poses that it led to, valid until the next push.
   template <EventLike E>
   std::span<const PoseEstimate> push(const E& foreign_event) {
-    const Event event = to_event(foreign_event);
-    if (!core_.push(event)) return {};
-    look_after(event);
+    core_.push(to_event(foreign_event), [this](const Event& event) { look_after(event.t); });
     return core_.poses();
   }
 
@@ -55,7 +53,7 @@ class Tracker {
     }
   }
 
-  const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
+  TrackerStatistics statistics() const noexcept { return core_.statistics(); }
   const PolarityFrame& polarity_frame() const noexcept { return core_.polarity_frame(); }
   /// The `MarkerTracker` of every marker that is being tracked.
   auto markers() const noexcept { return core_.markers(); }
@@ -65,18 +63,22 @@ class Tracker {
   void push_own(std::span<const Event> events, const Use& use) {
     while (!events.empty()) {
       bool due = false;
-      const auto stop = [&](const Event& event) { return due = core_.look_due(event.t) || core_.answer_due(event.t); };
+      Timestamp t = 0;
+      const auto stop = [&](const Event& event) {
+        t = event.t;
+        return due = core_.look_due(t) || core_.answer_due(t);
+      };
       const std::size_t taken = core_.push(events, stop, use);
-      if (due) look_after(events[taken - 1]);
+      if (due) look_after(t);
       std::ranges::for_each(core_.poses(), use);
       events = events.subspan(taken);
     }
   }
 
   // Looks at the polarity frame, or takes what was found, if it is time for that.
-  void look_after(const Event& event) {
-    if (core_.look_due(event.t)) findings_ = answer(detector_, core_.polarity_frame(), core_.look(event.t));
-    if (core_.answer_due(event.t)) core_.take(findings_);
+  void look_after(Timestamp t) {
+    if (core_.look_due(t)) findings_ = answer(detector_, core_.polarity_frame(), core_.look(t));
+    if (core_.answer_due(t)) core_.take(findings_);
   }
 
   TrackerCore<Rule, Filter> core_;

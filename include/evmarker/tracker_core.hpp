@@ -5,6 +5,7 @@
 #include <concepts>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <ranges>
 #include <span>
 #include <utility>
@@ -18,6 +19,7 @@
 #include "evmarker/look_schedule.hpp"
 #include "evmarker/polarity_frame.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/time_guard.hpp"
 #include "evmarker/tracked_markers.hpp"
 #include "evmarker/tracker_settings.hpp"
 #include "evmarker/undistortion_table.hpp"
@@ -27,6 +29,13 @@ namespace evmarker {
 /// Everything that tracks markers but the detector: says when a look at the polarity frame is due, and is told at any
 /// time after it what was found. What `Tracker` is made of, for those who run the detector elsewhere. Between looks
 /// nothing throws or allocates.
+///
+/// The noise filter stands before the polarity frame, the looks and the history, where each noise event counts as much
+/// as an edge's. Markers that are tracked take all events: of those that fall on the few pixels of their edges, far
+/// more are theirs than noise, and the filter would take the first ones of a slow edge away.
+///
+/// An event with a time that may be wrong waits for the next one, and one with a wrong time is discarded, see
+/// TimeGuard.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -50,30 +59,30 @@ class TrackerCore {
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
 
-  /// Takes one event: `poses()` are then those that it led to. False if it was discarded.
-  bool push(const Event& event) {
-    begin();
-    if (!enter(event)) return false;
-    markers_.push(event, delivering());
-    if (!poses_.empty()) drop_lost();
-    if (!candidates_.empty()) [[unlikely]]
-      catch_up(kEventsForOne);
-    return true;
+  /// Takes one event, and the one before it if that had to wait; `poses()` are then those that they led to. Calls
+  /// `after(event)` after each that has passed the noise filter.
+  template <std::invocable<const Event&> After>
+  void push(const Event& event, const After& after) {
+    poses_.clear();
+    TimeGuard::Verdict verdict;
+    do {
+      check();
+      verdict = guard_.judge(event);
+      if (verdict == TimeGuard::Verdict::release) take_one(guard_.held(), after);
+    } while (verdict == TimeGuard::Verdict::release);
+    ++statistics_.events;
+    if (verdict == TimeGuard::Verdict::pass) take_one(event, after);
   }
 
-  /// Takes the first of some events, but none after one about which `stop(event)` is true: asked of each that is not
-  /// discarded. Calls `use(pose)` with each pose, in order of time: the same as one by one, and faster. None are left
-  /// in `poses()`.
-  /// @return how many were taken
+  /// Takes the first of some events, but none after one about which `stop(event)` is true: asked of each that has
+  /// passed the noise filter. Calls `use(pose)` with each pose, in order of time: the same as one by one, and faster.
+  /// None are left in `poses()`.
+  /// @return how many were taken: none if it was time for one that had waited
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
-    if (!candidates_.empty()) {
-      if (push(events.front())) stop(events.front());
-      by_time_.hand_over(poses_, use);
-      return 1;
-    }
     poses_.clear();
+    if (!candidates_.empty() || guard_.releases(events.front().t)) return push_first(events.front(), stop, use);
     events = events.first(
         std::min({events.size(), kTogether * std::max<std::size_t>(markers_.size(), 1), std::size_t{kBetweenChecks}}));
     std::size_t taken = 0;
@@ -82,15 +91,25 @@ class TrackerCore {
       if (events.size() - taken > kAhead) prefetch(events[taken + kAhead]);
       if (statistics_.events % kBetweenChecks == 0) [[unlikely]]
         check_meanwhile();
-      if (!enter(event)) continue;
+      if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
+        break;
+      ++statistics_.events;
+      if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
+        continue;
+      const Entry entry = enter(event);
+      if (entry == Entry::off_sensor) continue;
       markers_.push_soon(event, delivering());
-      stopped = stop(event);
+      if (entry == Entry::supported) stopped = stop(event);
     }
     markers_.push_waiting(delivering());
     if (!poses_.empty()) drop_lost();
     by_time_.hand_over(poses_, use);
     return taken;
   }
+
+  /// Time of the event that is taken next if this one comes, which may be one that has waited; null if this one has to
+  /// wait [us].
+  std::optional<Timestamp> next_t(const Event& event) const noexcept { return guard_.next_t(event.t); }
 
   /// Whether a marker that was found has not seen all events yet that came since the look.
   bool behind() const noexcept { return !candidates_.caught_up(history_); }
@@ -108,6 +127,7 @@ class TrackerCore {
     if (!(t > last_t_)) return;
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
+    guard_.restart(t);
     followable_since_ = history_.pushed();
     candidates_.skip(missing, history_);
     markers_.skip(missing, delivering());
@@ -165,7 +185,11 @@ class TrackerCore {
     searching_ = searching();
   }
 
-  const TrackerStatistics& statistics() const noexcept { return statistics_; }
+  TrackerStatistics statistics() const noexcept {
+    TrackerStatistics statistics = statistics_;
+    statistics.time_faults = guard_.faults();
+    return statistics;
+  }
   const PolarityFrame& polarity_frame() const noexcept { return frame_; }
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
@@ -182,9 +206,10 @@ class TrackerCore {
   static constexpr std::size_t kAhead = 32;              // events: longer than memory takes, shorter than a cache holds
   static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
 
+  enum class Entry { off_sensor, unsupported, supported };
+
   // Whether markers are looked for is seen anew after the same events, however many of them come together.
-  void begin() noexcept {
-    poses_.clear();
+  void check() noexcept {
     if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
   }
 
@@ -205,23 +230,46 @@ class TrackerCore {
     lines_.prefetch(event);
   }
 
-  // Counts, filters and remembers the event; false if it is discarded.
-  [[gnu::always_inline]] bool enter(const Event& event) {
-    ++statistics_.events;
+  // One event of a range, as it would be by itself; none if one that had waited was taken instead.
+  template <typename Stop, typename Use>
+  [[gnu::noinline]] std::size_t push_first(const Event& event, const Stop& stop, const Use& use) {
+    check();
+    const TimeGuard::Verdict verdict = guard_.judge(event);
+    const bool released = verdict == TimeGuard::Verdict::release;
+    if (verdict != TimeGuard::Verdict::hold) take_one(released ? guard_.held() : event, stop);
+    statistics_.events += !released;
+    by_time_.hand_over(poses_, use);
+    return released ? 0 : 1;
+  }
+
+  // An event whose time is right.
+  template <typename After>
+  void take_one(const Event& event, const After& after) {
+    const Entry entry = enter(event);
+    if (entry == Entry::off_sensor) return;
+    markers_.push(event, delivering());
+    if (!poses_.empty()) drop_lost();
+    if (!candidates_.empty()) [[unlikely]]
+      catch_up(kEventsForOne);
+    if (entry == Entry::supported) after(event);
+  }
+
+  // Counts, filters and remembers the event.
+  [[gnu::always_inline]] Entry enter(const Event& event) {
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
     if (!lines_.sensor_size().contains(event.x, event.y)) {
       ++statistics_.off_sensor;
-      return false;
+      return Entry::off_sensor;
     }
     if (!filter_.accept(event)) {
       ++statistics_.filtered;
-      return false;
+      return Entry::unsupported;
     }
     looks_.count_event();
     frame_.update(event);
     history_.push(event);
-    return true;
+    return Entry::supported;
   }
 
   void deliver(const PoseEstimate& pose) {
@@ -279,6 +327,7 @@ class TrackerCore {
 
   Settings settings_;
   UndistortionTable lines_;
+  TimeGuard guard_;
   Filter filter_;
   PolarityFrame frame_;
   EventHistory history_;

@@ -7,12 +7,14 @@
 #include <string>
 
 #include "evmarker/marker_tracker.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
 
 namespace evmarker {
 
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct TrackerSettings {
-  std::chrono::microseconds filter_window{2000};        ///< of the spatiotemporal filter
+  /// Of the spatiotemporal filter: by the sensor's noise, or fixed, as the paper's 2000 us.
+  std::chrono::microseconds filter_window = kAutomaticWindow;
   std::chrono::microseconds detection_interval{25000};  ///< event time from one look at the polarity frame to the next
   /// The same while something is searched for: until there is a marker, all are confirmed, and for 0.1 s after one was
   /// found or lost.
@@ -44,7 +46,8 @@ void validate(const TrackerSettings<Rule>& settings) {
 struct TrackerStatistics {
   std::uint64_t events = 0;           ///< pushed
   std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
-  std::uint64_t filtered = 0;         ///< discarded: no support in space and time
+  std::uint64_t filtered = 0;         ///< no support in space and time: for markers that are tracked already only
+  std::uint64_t time_faults = 0;      ///< discarded: a time that the events before and after it contradict
   std::uint64_t matched = 0;          ///< taken into pose updates, all markers together
   std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; taken as they are
   std::uint64_t detections = 0;       ///< looks at the polarity frame

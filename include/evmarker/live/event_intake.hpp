@@ -42,6 +42,17 @@ struct EventBlock {
   std::array<Event, kCapacity> events;
 
   std::span<const Event> span() const noexcept { return {events.data(), size}; }
+  /// Times of its first and last events, but not of one that has a neighbour and is far from it: a wrong one [us].
+  Timestamp first_t() const noexcept { return size > 1 && apart(0, 1) ? events[1].t : events[0].t; }
+  Timestamp last_t() const noexcept {
+    return size > 1 && apart(size - 2, size - 1) ? events[size - 2].t : events[size - 1].t;
+  }
+
+ private:
+  bool apart(std::size_t i, std::size_t j) const noexcept {
+    constexpr std::uint64_t kApart_us = 10000;
+    return elapsed_us(std::min(events[i].t, events[j].t), std::max(events[i].t, events[j].t)) > kApart_us;
+  }
 };
 
 /// Any threads push, one takes. All memory is allocated in the constructor.

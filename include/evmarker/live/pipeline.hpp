@@ -150,7 +150,7 @@ class Pipeline {
       if (block != nullptr) {
         deliver_triggers(block->number);
         // The numbers that are missing were dropped out of the queue.
-        if (block->follows_dropped || block->number != last_block_ + 1) skip_to(block->events.front().t);
+        if (block->follows_dropped || block->number != last_block_ + 1) skip_to(block->first_t());
         track(*block);
         last_block_ = block->number;
         intake_.give_back(block);
@@ -182,15 +182,16 @@ class Pipeline {
     clock_.begin(block);
     for (std::span<const Event> left = block.span(); !left.empty();) {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
-      deliver_ticks(left.front().t);
+      if (const auto next = core_->next_t(left.front())) deliver_ticks(*next);
       bool due = false;
+      Timestamp t = 0;
       const auto stop = [&](const Event& e) {
         detection_thread_->add(e);
+        t = e.t;
         return due = (detection_on_ && core_->look_due(e.t)) || (settings_.wait_for_detector && core_->answer_due(e.t));
       };
       const std::size_t taken = core_->push(settings_.on_tick ? clock_.before_next(left) : left, stop,
                                             [&](const PoseEstimate& pose) { deliver(pose, block.pushed); });
-      const Timestamp t = left[taken - 1].t;
       if (due && core_->look_due(t) && detection_on_)
         detection_thread_->look(core_->look(t), core_->polarity_frame(), !core_->searching());
       if (due && settings_.wait_for_detector && core_->answer_due(t)) wait_for_answer();

@@ -52,6 +52,7 @@ class PublishedState {
     taken_ = tracker.events;
     last_t_ = core.last_t();
     status_.filtered = tracker.filtered;
+    status_.time_faults = tracker.time_faults;
     status_.off_sensor = tracker.off_sensor;
     status_.poses = delivered.poses;
     status_.detections = tracker.detections;
@@ -128,7 +129,7 @@ class PublishedState {
     status.triggers_dropped = intake.triggers_dropped();
     status.triggers = intake.triggers_pushed();
     status.events = intake.pushed();
-    status.processed = taken_ - status.filtered - status.off_sensor;
+    status.processed = taken_ - status.filtered - status.time_faults - status.off_sensor;
     status.queue_depth = status.events - taken_ - status.dropped;
     const Timestamp pushed_t = intake.last_t();
     if (status.queue_depth > 0 && taken_ > 0 && pushed_t > last_t_) status.backlog_us = pushed_t - last_t_;

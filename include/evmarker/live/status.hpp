@@ -15,14 +15,15 @@ struct MarkerStatus {
   Timestamp updated_t = 0;  ///< camera time of the last update [us]
 };
 
-/// Counters since the last start. At any time, to the event: events = processed + filtered + off_sensor + dropped +
-/// queue_depth.
+/// Counters since the last start. At any time, to the event: events = processed + filtered + off_sensor + time_faults +
+/// dropped + queue_depth.
 struct Status {
   bool running = false;
   std::uint64_t events = 0;            ///< pushed
   std::uint64_t processed = 0;         ///< tracked
-  std::uint64_t filtered = 0;          ///< discarded: no support in space and time
+  std::uint64_t filtered = 0;          ///< no support in space and time: for markers that are tracked already only
   std::uint64_t off_sensor = 0;        ///< discarded: outside the camera's image
+  std::uint64_t time_faults = 0;       ///< discarded: a time that the events before and after it contradict
   std::uint64_t dropped = 0;           ///< by the overload policy, while stopped, or left in the queue by `stop`
   std::uint64_t queue_depth = 0;       ///< pushed, but not yet any of these
   Timestamp backlog_us = 0;            ///< camera time from the last event processed to the last one pushed
