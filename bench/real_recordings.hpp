@@ -1,0 +1,334 @@
+#pragma once
+// Judges trackers on the real recordings of ../shared/data. Their references are fits, not motion capture.
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <concepts>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <ranges>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/accuracy.hpp"
+#include "evmarker/board_detector.hpp"
+#include "evmarker/camera.hpp"
+#include "evmarker/io/csv_reader.hpp"
+#include "evmarker/io/trajectory.hpp"
+#include "evmarker/opencv/aruco_detector.hpp"
+#include "evmarker/opencv/board.hpp"
+#include "evmarker/opencv/calibration.hpp"
+#include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/tracker.hpp"
+#include "evmarker/trajectory.hpp"
+
+namespace evmarker::bench {
+
+/// What a trial changes of the settings that the library comes with.
+struct Trial {
+  std::optional<int> events_per_update;
+  std::optional<std::chrono::microseconds> filter_window;
+};
+
+template <PoseUpdateRule Rule>
+TrackerSettings<Rule> settings(const Trial& trial) {
+  TrackerSettings<Rule> s;
+  if (trial.events_per_update) s.marker.events_per_update = *trial.events_per_update;
+  if (trial.filter_window) s.filter_window = *trial.filter_window;
+  return s;
+}
+
+namespace detail {
+
+/// The numbers of a table, row by row; lines that do not begin with one are left out.
+inline std::vector<std::vector<double>> read_numbers(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  if (!file) throw std::runtime_error(path.string() + " cannot be read");
+  std::vector<std::vector<double>> rows;
+  for (std::string line; std::getline(file, line);) {
+    std::vector<double> row;
+    for (const char *at = line.data(), *const end = at + line.size(); at < end; ++at) {
+      double value = 0;
+      const auto [behind, error] = std::from_chars(at, end, value);
+      if (error != std::errc{}) break;
+      row.push_back(value);
+      at = behind;
+    }
+    if (!row.empty()) rows.push_back(std::move(row));
+  }
+  if (rows.empty()) throw std::runtime_error(path.string() + " holds no numbers");
+  return rows;
+}
+
+/// From `tx ty tz qx qy qz qw`, which begin at a row's second number.
+inline Eigen::Isometry3d pose(const std::vector<double>& row) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() << row.at(1), row.at(2), row.at(3);
+  T.linear() = Eigen::Quaterniond(row.at(7), row.at(4), row.at(5), row.at(6)).normalized().toRotationMatrix();
+  return T;
+}
+
+inline Timestamp time(const std::vector<double>& row) { return std::llround(row.at(0)); }
+
+inline std::vector<Event> read_events(const std::filesystem::path& path, SensorSize size) {
+  io::CsvReader recording(path, {.sensor_size = size});
+  std::vector<Event> events;
+  for_each_event(recording, [&](const Event& event) { events.push_back(event); });
+  return events;
+}
+
+/// A `MarkerTracker` behind the noise filter, as `Tracker` has one.
+template <PoseUpdateRule Rule>
+class FilteredMarkerTracker {
+ public:
+  FilteredMarkerTracker(const PinholeCamera& camera, const MarkerModel& model, const Eigen::Isometry3d& T_start,
+                        const TrackerSettings<Rule>& settings)
+      : filter_(camera.sensor_size(), settings.filter_window), tracker_(camera, model, T_start, settings.marker) {}
+
+  template <typename Use>
+  void push(std::span<const Event> events, const Use& use) {
+    kept_.clear();
+    std::ranges::copy_if(events, std::back_inserter(kept_), [&](const Event& event) { return filter_.accept(event); });
+    tracker_.push(kept_, use);
+  }
+  PoseEstimate pose_at(Timestamp t) const { return tracker_.pose_at(t); }
+
+ private:
+  SpatiotemporalFilter filter_;
+  MarkerTracker<Rule> tracker_;
+  std::vector<Event> kept_;
+};
+
+}  // namespace detail
+
+/// A body that is followed from a known pose on, at the moments of its reference.
+struct BodyVerdict {
+  int moments = 0;
+  int right = 0;  ///< `tracking`, and within the limits
+  int wrong = 0;  ///< `tracking`, and not
+  std::map<LossReason, int> losses;
+  std::vector<double> distances;  ///< while `tracking`, from the reference: [mm], for the flip [px]
+  std::vector<double> angles;     ///< the same [deg]
+
+  double right_share() const { return static_cast<double>(right) / moments; }
+  double wrong_share() const { return static_cast<double>(wrong) / moments; }
+  int lost() const {
+    int sum = 0;
+    for (const auto& [reason, count] : losses) sum += count;
+    return sum;
+  }
+};
+
+/// How far a pose is from the reference [mm or px, deg].
+struct Distance {
+  double length, angle_deg;
+};
+
+/// Feeds a tracker the events from the first moment on and asks it at each moment for the pose of that moment.
+/// @param distance of a pose from the reference of the moment with a number
+template <typename TrackerOfOne, typename DistanceOf>
+BodyVerdict follow(TrackerOfOne& tracker, std::span<const Event> events, std::span<const Timestamp> moments,
+                   const Distance& limits, const DistanceOf& distance) {
+  BodyVerdict verdict;
+  const auto at = [&](Timestamp t) { return std::ranges::lower_bound(events, t, {}, &Event::t); };
+  auto next = at(moments.front());
+  for (std::size_t i = 0; i < moments.size(); ++i) {
+    const auto end = at(moments[i]);
+    tracker.push(std::span(next, end), [&](const PoseEstimate& pose) {
+      if (pose.quality.state == TrackingState::lost) ++verdict.losses[pose.quality.loss_reason];
+    });
+    next = end;
+    ++verdict.moments;
+    const PoseEstimate pose = tracker.pose_at(moments[i]);
+    if (pose.quality.state != TrackingState::tracking) continue;
+    const Distance d = distance(pose, i);
+    const bool right = d.length < limits.length && d.angle_deg < limits.angle_deg;
+    ++(right ? verdict.right : verdict.wrong);
+    verdict.distances.push_back(d.length);
+    verdict.angles.push_back(d.angle_deg);
+  }
+  return verdict;
+}
+
+/// The paper pyramid, from its first usable reference on: right within 10 mm and 8 deg.
+template <PoseUpdateRule Rule>
+BodyVerdict judge_pyramid(const std::filesystem::path& data, const Trial& trial = {}) {
+  const std::filesystem::path folder = data / "pyramid";
+  const PinholeCamera camera = opencv::load_calibration((folder / "camera.yml").string());
+  const std::vector<Event> events = detail::read_events(folder / "events.csv", camera.sensor_size());
+  std::vector<Timestamp> moments;
+  std::vector<Eigen::Isometry3d> references;
+  for (const auto& row : detail::read_numbers(folder / "reference.csv"))
+    if (row.at(8) > 0.6 && row.at(10) < 100) {  // what its README calls usable
+      moments.push_back(detail::time(row));
+      references.push_back(detail::pose(row));
+    }
+  const MarkerModel pyramid{
+      {{0, 0, 0}, {0.114893, 0, -0.041032}, {-0.057447, 0.0995, -0.041032}, {-0.057447, -0.0995, -0.041032}},
+      {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {2, 3}, {3, 1}}};
+  detail::FilteredMarkerTracker<Rule> tracker(camera, pyramid, references.at(0), settings<Rule>(trial));
+  return follow(tracker, events, moments, {10, 8}, [&](const PoseEstimate& pose, std::size_t i) {
+    const PoseError error = pose_error(pose.T_camera_marker, references[i]);
+    return Distance{error.translation_mm, error.rotation_deg};
+  });
+}
+
+/// The dark square in front of a camera that rolls through 360 degrees, from 0.1 to 1.95 s: right within 3 px and
+/// 10 deg about the line of sight. Neither the camera nor the square's size is known; only its image is compared.
+template <PoseUpdateRule Rule>
+BodyVerdict judge_flip(const std::filesystem::path& data, const Trial& trial = {}) {
+  constexpr double kFocal = 100, kCentre = 63.5, kSide = 0.3;
+  const std::filesystem::path folder = data / "flip";
+  const PinholeCamera camera({128, 128}, kFocal, kFocal, kCentre, kCentre);
+  const std::vector<Event> events = detail::read_events(folder / "events.csv", camera.sensor_size());
+  std::vector<std::vector<double>> fits;
+  std::vector<Timestamp> moments;
+  for (const auto& row : detail::read_numbers(folder / "square_fit.csv"))
+    if (row.at(0) > 100000 && row.at(0) < 1950000) {
+      fits.push_back(row);
+      moments.push_back(detail::time(row));
+    }
+  const auto& start = fits.at(0);
+  const double depth = kFocal * kSide / start.at(3);
+  const Eigen::Isometry3d T_start = facing_pose(
+      {(start.at(1) - kCentre) / kFocal * depth, (start.at(2) - kCentre) / kFocal * depth, depth}, {0, 0, start.at(4)});
+  detail::FilteredMarkerTracker<Rule> tracker(camera, make_square_marker(kSide), T_start, settings<Rule>(trial));
+  return follow(tracker, events, moments, {3, 10}, [&](const PoseEstimate& pose, std::size_t i) {
+    const Eigen::Vector2d centre = camera.project(pose.T_camera_marker.translation());
+    const auto& R = pose.T_camera_marker.linear();
+    const double turned = std::remainder(std::atan2(R(1, 0), R(0, 0)) - fits[i].at(4), 2 * std::numbers::pi);
+    return Distance{std::hypot(centre.x() - fits[i].at(1), centre.y() - fits[i].at(2)),
+                    std::abs(turned) * 180 / std::numbers::pi};
+  });
+}
+
+/// The twelve tags, each alone or as one board.
+struct TagsVerdict {
+  int targets = 0;               ///< tags, or one board
+  std::vector<int> tracked;      ///< ids that ever were `tracking`
+  std::vector<double> first_ms;  ///< first `tracking` pose of each of these, from the first event on
+  std::map<LossReason, int> losses;
+  double corner_px = 0;  ///< mean distance of the corners from corners.csv, over all `tracking` poses
+  std::vector<double> nees, nees_translation, nees_rotation;  ///< of each `tracking` pose, for each degree of freedom
+
+  int lost() const {
+    int sum = 0;
+    for (const auto& [reason, count] : losses) sum += count;
+    return sum;
+  }
+};
+
+namespace detail {
+
+/// What the tags' batch fit says: the board's pose and the corners in the image.
+class TagsReference {
+ public:
+  explicit TagsReference(const std::filesystem::path& folder) {
+    std::vector<io::TimedPose> poses;
+    for (const auto& row : read_numbers(folder / "reference.csv")) poses.push_back({time(row), pose(row)});
+    T_camera_board_ = io::Trajectory(std::move(poses));
+    for (const auto& row : read_numbers(folder / "corners.csv")) {
+      Corners corners{time(row), {}};
+      for (std::size_t k = 0; k < 4; ++k) corners.at[k] = {row.at(2 + 2 * k), row.at(3 + 2 * k)};
+      corners_[static_cast<MarkerId>(row.at(1))].push_back(corners);
+    }
+  }
+
+  std::optional<Eigen::Isometry3d> T_camera_board(Timestamp t) const { return T_camera_board_.at(t); }
+
+  /// From the tag's top left clockwise; nothing outside of the time that the fit tells.
+  std::optional<std::array<Eigen::Vector2d, 4>> corners(MarkerId id, Timestamp t) const {
+    const std::vector<Corners>& all = corners_.at(id);
+    const auto next = std::ranges::upper_bound(all, t, {}, &Corners::t);
+    if (next == all.begin() || next == all.end()) return std::nullopt;
+    const Corners &a = next[-1], &b = *next;
+    const double part = static_cast<double>(t - a.t) / static_cast<double>(b.t - a.t);
+    std::array<Eigen::Vector2d, 4> mixed;
+    for (std::size_t k = 0; k < 4; ++k) mixed[k] = (1 - part) * a.at[k] + part * b.at[k];
+    return mixed;
+  }
+
+ private:
+  struct Corners {
+    Timestamp t;
+    std::array<Eigen::Vector2d, 4> at;
+  };
+  io::Trajectory T_camera_board_;
+  std::map<MarkerId, std::vector<Corners>> corners_;
+};
+
+/// Adds the squares of a pose's errors by its own covariance.
+inline void add_nees(TagsVerdict& verdict, const PoseEstimate& pose, const Eigen::Isometry3d& truth) {
+  if (!pose.covariance) return;
+  const Eigen::AngleAxisd turn(Eigen::Matrix3d(pose.T_camera_marker.linear() * truth.linear().transpose()));
+  Vector6d error;
+  error << pose.T_camera_marker.translation() - truth.translation(), turn.angle() * turn.axis();
+  const Matrix6d& P = *pose.covariance;
+  const Eigen::Matrix3d P_t = P.topLeftCorner<3, 3>(), P_r = P.bottomRightCorner<3, 3>();
+  const Eigen::Vector3d e_t = error.head<3>(), e_r = error.tail<3>();
+  verdict.nees.push_back(error.dot(P.ldlt().solve(error)) / 6);
+  verdict.nees_translation.push_back(e_t.dot(P_t.ldlt().solve(e_t)) / 3);
+  verdict.nees_rotation.push_back(e_r.dot(P_r.ldlt().solve(e_r)) / 3);
+}
+
+}  // namespace detail
+
+/// The tags as `Tracker` finds and follows them. The covariance is held against the batch fit as if that was exact.
+template <PoseUpdateRule Rule>
+TagsVerdict judge_tags(const std::filesystem::path& data, bool as_board, const Trial& trial = {}) {
+  const std::filesystem::path folder = data / "tags";
+  constexpr const char* kDictionary = "DICT_APRILTAG_36h11";
+  const PinholeCamera camera = opencv::load_calibration((folder / "camera.yml").string());
+  const Board board = opencv::load_board((folder / "board.yml").string(), kDictionary);
+  const std::vector<Event> events = detail::read_events(folder / "events.csv", camera.sensor_size());
+  const detail::TagsReference reference(folder);
+  // One type of detector for both, to compile once: with no boards it passes on every tag.
+  BoardDetector detector(
+      camera, opencv::ArucoDetector(camera, {.dictionary = kDictionary, .marker_length = board.markers[0].length}),
+      as_board ? std::vector{board} : std::vector<Board>{});
+  Tracker<decltype(detector), Rule> tracker(camera, detector, settings<Rule>(trial));
+
+  TagsVerdict verdict;
+  verdict.targets = as_board ? 1 : static_cast<int>(board.markers.size());
+  std::uint64_t corners = 0;
+  const auto add_corners = [&](const BoardMarker& tag, Timestamp t, const Eigen::Isometry3d& T_camera_tag) {
+    const auto expected = reference.corners(tag.id, t);
+    if (!expected) return;
+    const auto square = make_square_marker(tag.length).vertices;
+    for (std::size_t k = 0; k < 4; ++k) {
+      verdict.corner_px += (camera.project(T_camera_tag * square[k]) - (*expected)[k]).norm();
+      ++corners;
+    }
+  };
+  tracker.push(events, [&](const PoseEstimate& pose) {
+    if (pose.quality.state == TrackingState::lost) ++verdict.losses[pose.quality.loss_reason];
+    if (pose.quality.state != TrackingState::tracking) return;
+    if (std::ranges::find(verdict.tracked, pose.id) == verdict.tracked.end()) {
+      verdict.tracked.push_back(pose.id);
+      verdict.first_ms.push_back(1e-3 * static_cast<double>(pose.t - events.front().t));
+    }
+    const auto T_camera_board = reference.T_camera_board(pose.t);
+    for (const BoardMarker& tag : board.markers) {
+      if (!as_board && tag.id != pose.id) continue;
+      add_corners(tag, pose.t, as_board ? pose.T_camera_marker * tag.T_board_marker : pose.T_camera_marker);
+      if (!as_board && T_camera_board) detail::add_nees(verdict, pose, *T_camera_board * tag.T_board_marker);
+    }
+    if (as_board && T_camera_board) detail::add_nees(verdict, pose, *T_camera_board);
+  });
+  verdict.corner_px =
+      corners > 0 ? verdict.corner_px / static_cast<double>(corners) : std::numeric_limits<double>::quiet_NaN();
+  return verdict;
+}
+
+}  // namespace evmarker::bench
