@@ -57,9 +57,13 @@ void print(const char* recording, const char* rule, const bench::TagsVerdict& v)
   const Spread first = Spread::of(v.first_ms);
   std::printf("%-8s %-10s tracked %zu of %d; first pose %.0f ms mean, %.0f max; corners %.3f px; ", recording, rule,
               v.tracked.size(), v.targets, first.mean, first.max, v.corner_px);
-  if (!v.nees.empty())
-    std::printf("NEES %.2f (translation %.2f, rotation %.2f); ", Spread::of(v.nees).mean,
-                Spread::of(v.nees_translation).mean, Spread::of(v.nees_rotation).mean);
+  const auto tell = [](const char* what, const bench::Nees& nees) {
+    if (nees.all.empty()) return;
+    std::printf("%s %.2f (translation %.2f, rotation %.2f); ", what, Spread::of(nees.all).mean,
+                Spread::of(nees.translation).mean, Spread::of(nees.rotation).mean);
+  };
+  tell("NEES", v.exact);
+  tell("with the fit's deviations", v.fit);
   std::printf("lost: %s\n", text(v.losses).c_str());
 }
 
