@@ -41,24 +41,28 @@ class DecoupledUpdate {
   DecoupledUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
     if (events_per_update < 1)
       throw std::invalid_argument("decoupled update: events_per_update is " + std::to_string(events_per_update));
-    if (settings_.averaging_weight == 0) settings_.averaging_weight = std::min(0.1, 1.0 / events_per_update);
+    set_events_per_update(events_per_update);
     const auto require = [](bool good, const char* name, double value) {
       if (!good) throw std::invalid_argument(std::string("decoupled update: ") + name + " is " + std::to_string(value));
     };
     const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
-    const double w0 = settings_.averaging_weight, unit = settings_.torque_length_unit_m;
+    const double w0 = weight_, unit = settings_.torque_length_unit_m;
     require(positive(w0) && w0 <= 1, "averaging_weight", w0);
     require(positive(settings_.translation_gain), "translation_gain", settings_.translation_gain);
     require(positive(settings_.rotation_gain), "rotation_gain", settings_.rotation_gain);
     require(unit == 0 || positive(unit), "torque_length_unit_m", unit);
-    renewed_ = std::min(1.0, events_per_update * w0);
-    for (std::size_t i = 0; i <= kLanes; ++i) kept_[i] = std::pow(1 - w0, i);
-    for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = w0 * kept_[kLanes - 1 - i];
+  }
+
+  void set_events_per_update(int events) noexcept {
+    weight_ = settings_.averaging_weight == 0 ? std::min(0.1, 1.0 / events) : settings_.averaging_weight;
+    renewed_ = std::min(1.0, events * weight_);
+    for (std::size_t i = 0; i <= kLanes; ++i) kept_[i] = std::pow(1 - weight_, i);
+    for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = weight_ * kept_[kLanes - 1 - i];
   }
 
   // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const double w0 = settings_.averaging_weight;
+    const double w0 = weight_;
     const auto average = [w0](double& mean, double value) { mean += w0 * (value - mean); };
     const Eigen::Vector3d &M = c.M, &E = c.E, &F = c.F;
     const double by_MM = 1 / (M.x() * M.x() + M.y() * M.y() + M.z() * M.z());
@@ -163,6 +167,7 @@ class DecoupledUpdate {
   }
 
   Settings settings_;
+  double weight_ = 0;   // w0
   double renewed_ = 1;  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.

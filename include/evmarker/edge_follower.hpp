@@ -15,7 +15,10 @@ namespace evmarker {
 
 template <PoseUpdateRule Rule>
 struct EdgeFollowerSettings {
-  int events_per_update = 100;        ///< the paper's n, matched events
+  /// The paper's n, matched events. Automatic: as many as the edges make while they move by a tenth of a pixel, at most
+  /// the paper's 100. A rule that does not know the motion lags behind it: for such a one, at the fewest events that
+  /// edges make, one for each pixel that they pass.
+  int events_per_update = kAutomatic;
   SegmentMatcherSettings matching{};  ///< the paper's segment matching
   typename Rule::Settings update{};   ///< gains of the update rule
   /// Events whose polarity contradicts the motion that the rule predicts for their edge do not update. Does nothing
@@ -43,12 +46,11 @@ class EdgeFollower {
   /// @throws std::invalid_argument naming the setting, or a pose that does not have the model in front of the camera
   EdgeFollower(MarkerModel model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                const Settings& settings)
-      : events_per_update_(settings.events_per_update),
+      : events_per_update_(settings.events_per_update == kAutomatic ? kMostEvents : settings.events_per_update),
+        automatic_(settings.events_per_update == kAutomatic),
         matcher_(std::move(model), focal_length, settings.matching),
-        rule_(settings.update, settings.events_per_update),
+        rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
-        added_together_(GroupUpdateRule<Rule> && settings.events_per_update >= kFewestTogether &&
-                        !settings.polarity_check),
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
@@ -60,6 +62,7 @@ class EdgeFollower {
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     for (const MarkerSegment& segment : matcher_.model().segments)
       edge_length_m_ += (vertex(segment.to) - vertex(segment.from)).norm();
+    set_events_per_update(events_per_update_);
     limit_moves();
   }
 
@@ -109,6 +112,13 @@ class EdgeFollower {
     return end;
   }
 
+  /// How many events a pixel makes while an edge passes over it, as far as that has been seen: see
+  /// EdgeFollowerSettings::events_per_update.
+  void expect_events_per_px2(double events) noexcept {
+    if (MotionEstimatingRule<Rule>) events_per_px2_ = events;
+  }
+  int events_per_update() const noexcept { return events_per_update_; }
+
   /// How many matched events are still needed for the next update.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
 
@@ -116,8 +126,8 @@ class EdgeFollower {
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
-    limit_moves();
     start_collecting();
+    limit_moves();
   }
 
   /// Moves the pose on to a later time without events, by a rule that knows how it moves.
@@ -145,6 +155,8 @@ class EdgeFollower {
 
  private:
   static constexpr int kFewestTogether = 4;
+  static constexpr int kMostEvents = 100;    // the paper's n
+  static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
   // The edges that a pose says the next events belong to are kept for so many matched events at most: with those that
   // do not match, a group.
   static constexpr double kChoiceHolds = 32;
@@ -152,13 +164,24 @@ class EdgeFollower {
   // more than the marker moves: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
-  // However fast the marker is: a tenth as many events as its edges are long in the image move it by half a pixel at
-  // most.
+  // Called where nothing has been collected. However fast the marker is: a tenth as many events as its edges are long in
+  // the image move it by half a pixel at most.
   void limit_moves() noexcept {
     const double length_px = matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
+    if (automatic_) {
+      const double events = std::clamp(kMotion_px * std::max(events_per_px2_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
+      // Not for every small change of the distance.
+      if (std::abs(events - events_per_update_) > events_per_update_ / 8.0) set_events_per_update(static_cast<int>(events));
+    }
     const double updates = std::min(kChoiceHolds, length_px / 10) / events_per_update_;
     moves_at_most_ = updates > 1 ? static_cast<int>(updates) : 1;
     moves_ = 0;
+  }
+
+  void set_events_per_update(int events) noexcept {
+    events_per_update_ = events;
+    rule_.set_events_per_update(events);
+    added_together_ = GroupUpdateRule<Rule> && events >= kFewestTogether && !polarity_check_;
   }
 
   const Eigen::Vector3d& vertex(int number) const noexcept {
@@ -266,6 +289,8 @@ class EdgeFollower {
   }
 
   int events_per_update_;
+  bool automatic_;
+  double events_per_px2_ = 1;
   LatticeMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;
@@ -274,7 +299,7 @@ class EdgeFollower {
   double squared_px_ = 0;
   LatticeMatches waiting_;
   UpdateStatistics last_update_;
-  bool added_together_;
+  bool added_together_ = false;
   double edge_length_m_ = 0;           // of the model
   int moves_at_most_ = 1, moves_ = 0;  // updates since edges were chosen at a new pose
   bool polarity_check_;

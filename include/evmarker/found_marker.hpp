@@ -1,5 +1,6 @@
 #pragma once
 // Floor 7. A marker from its detection on: followed from both poses that a plane allows, until the events decide.
+#include <algorithm>
 #include <chrono>
 #include <concepts>
 #include <optional>
@@ -19,9 +20,9 @@ class FoundMarker {
   /// @throws std::invalid_argument like MarkerTracker
   FoundMarker(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
               const MarkerTrackerSettings<Rule>& settings)
-      : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
+      : tracker_(lines, model, detection.T_camera_marker, deciding(settings, detection), detection.id) {
     if (detection.T_camera_marker_alternative)
-      rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
+      rival_.emplace(lines, model, *detection.T_camera_marker_alternative, deciding(settings, detection), detection.id);
   }
 
   const PoseEstimate* push(const Event& event) noexcept {
@@ -69,6 +70,13 @@ class FoundMarker {
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:
+  static constexpr int kToDecide = 2000;  // matched events by which one of two poses is chosen
+
+  static MarkerTrackerSettings<Rule> deciding(MarkerTrackerSettings<Rule> settings, const MarkerDetection& detection) {
+    if (detection.T_camera_marker_alternative) settings.converging_events = std::max(settings.converging_events, kToDecide);
+    return settings;
+  }
+
   // True if the other pose was the right one.
   bool settle() noexcept {
     const bool better =

@@ -25,9 +25,8 @@ class KalmanUpdate {
   using Settings = KalmanSettings;
 
   KalmanUpdate(const Settings& settings, int events_per_update)
-      : settings_(settings),
-        spread_share_(1 - std::pow(0.999, events_per_update)),
-        scales_share_(1 - std::pow(0.99, events_per_update)) {
+      : settings_(settings) {
+    set_events_per_update(events_per_update);
     const auto require = [](double value, const char* name) {
       if (!(std::isfinite(value) && value > 0))
         throw std::invalid_argument(std::string("kalman update: ") + name + " is " + std::to_string(value));
@@ -54,6 +53,11 @@ class KalmanUpdate {
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
     P_.oo = squared(settings.initial_sigma_offset_px);
+  }
+
+  void set_events_per_update(int events) noexcept {
+    spread_share_ = 1 - std::pow(0.999, events);
+    scales_share_ = 1 - std::pow(0.99, events);
   }
 
   /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
@@ -271,7 +275,7 @@ class KalmanUpdate {
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
   Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
   bool scales_known_ = false;
-  double spread_share_, scales_share_;  // of the next update's events in them
+  double spread_share_ = 0, scales_share_ = 0;  // of the next update's events in them
   struct Sums {
     double residual2 = 0, lever2 = 0, gradient2 = 0, since_us = 0;
   };

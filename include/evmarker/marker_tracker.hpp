@@ -5,6 +5,7 @@
 #include <chrono>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <ranges>
 #include <span>
@@ -13,12 +14,11 @@
 #include <utility>
 
 #include "evmarker/capture.hpp"
-#include "evmarker/edge_coverage.hpp"
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
-#include "evmarker/matched_fraction.hpp"
 #include "evmarker/misfit.hpp"
 #include "evmarker/pose.hpp"
+#include "evmarker/track_health.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
 
@@ -26,16 +26,14 @@ namespace evmarker {
 
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct MarkerTrackerSettings {
-  int events_per_update = 100;          ///< the paper's n, matched events
+  int events_per_update = kAutomatic;   ///< the paper's n, matched events; automatic: see EdgeFollower
   SegmentMatcherSettings matching{};    ///< the paper's segment matching
   typename Rule::Settings update{};     ///< gains of the update rule
   VerificationSettings verification{};  ///< the paper's backtracking
+  TrackHealthSettings health{};         ///< what loses a marker
   bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
   double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
-  int converging_events = 2000;         ///< matched first: verified, but not held against the tracker
-  double min_matched_fraction = 0.45;   ///< of the events near the edges; below: it follows something else, lost
-  int matched_fraction_events = 500;    ///< about how many events that fraction is averaged over
-  double max_silent_share = 0.35;       ///< of the edges' motion that makes no events; above: it is hidden, lost
+  int converging_events = 500;          ///< matched at least before the pose is `tracking`
   std::optional<CaptureSettings> capture = CaptureSettings{};  ///< first look for the marker near its start pose
 };
 
@@ -59,16 +57,12 @@ class MarkerTracker {
                   {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
                    settings.polarity_check_px_s}),
         verification_(follower_, settings.verification),
-        coverage_(follower_.matcher().model(), lines_.focal_length()),
+        health_(follower_.matcher().model(), lines_.focal_length(), settings.health),
         centre_(centre(follower_.matcher().model())) {
     const auto require = [](bool good, const char* name, auto value) {
       if (!good) throw std::invalid_argument(name + (" is " + std::to_string(value)));
     };
-    const Settings& s = settings;
-    require(s.converging_events >= 0, "converging_events", s.converging_events);
-    require(s.min_matched_fraction >= 0 && s.min_matched_fraction < 1, "min_matched_fraction", s.min_matched_fraction);
-    require(s.matched_fraction_events > 0, "matched_fraction_events", s.matched_fraction_events);
-    require(s.max_silent_share > 0 && s.max_silent_share <= 1, "max_silent_share", s.max_silent_share);
+    require(settings.converging_events >= 0, "converging_events", settings.converging_events);
     pose_.id = id;
     if (settings.capture) {
       capture_.emplace(this->model(), lines_.focal_length(), T_camera_marker, *settings.capture);
@@ -130,7 +124,7 @@ class MarkerTracker {
         return nullptr;
       }
     }
-    return &lose();
+    return &lose(LossReason::events_missing);
   }
 
   /// The present estimate: of the last update, or the start.
@@ -151,10 +145,14 @@ class MarkerTracker {
   PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
-  const PoseEstimate& lose() noexcept {
+  const PoseEstimate& lose(LossReason reason) noexcept {
     pose_.quality.state = TrackingState::lost;
+    pose_.quality.loss_reason = reason;
     return tell();
   }
+
+  /// A detection shows the marker elsewhere: evidence, but not more than that.
+  void contradict() noexcept { health_.contradict(); }
 
   /// How badly the edges explained the events while the tracker converged, to tell which of two starts was right: root
   /// mean square distance of those on or near the wireframe, unmatched ones at the limit [px]; infinite at first.
@@ -166,17 +164,14 @@ class MarkerTracker {
     return capturing_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
   }
 
-  /// Whether it tracks, and far from being lost for too few matches: at most half way.
-  bool reliable() const noexcept {
-    return state() == TrackingState::tracking && matched_fraction_.value() > least_reliable_fraction();
-  }
+  /// True while it tracks and no evidence speaks against that.
+  bool reliable() const noexcept { return state() == TrackingState::tracking && health_.sure(); }
 
-  /// Whether no so many events, whatever they are, move it, lose it, or change whether it is `reliable`.
+  /// True if no sequence of so many events can change the pose, the state or `reliable()`.
   bool stays(std::size_t events) const noexcept {
     if (events == 0 || state() == TrackingState::lost) return true;
     return !capturing_ && events < follower_.until_update() && !verification_.ends_within(events) &&
-           matched_fraction_.keeps_side(settings_.min_matched_fraction, events) &&
-           matched_fraction_.keeps_side(least_reliable_fraction(), events);
+           health_.stays(events);
   }
 
   MarkerId id() const noexcept { return pose_.id; }
@@ -193,27 +188,50 @@ class MarkerTracker {
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
 
-    matched_fraction_.add(match == MatchResult::matched || match == MatchResult::ambiguous);
-    if (match == MatchResult::matched) coverage_.add(segment);
+    health_.add(match, segment);
     const auto error = verification_.push(event, updated, follower_, lines_);
-    if (error) note(*error);
-    if (updated) {
-      matched_ += follower_.last_update().matched;
-      pose_.quality.updated_t = t_;
-      if (pose_.quality.state == TrackingState::converging)
-        misfit_.add(follower_.last_update(), settings_.matching.max_distance_px);
-    }
-    if (pose_.quality.state == TrackingState::converging) {
-      if (matched_ > settings_.converging_events) start_judging();
-    } else if (matched_fraction_.value() < settings_.min_matched_fraction || (error && !verification_.passes(*error))) {
-      return &lose();
-    }
+    if (error) [[unlikely]]
+      note(*error);
+    if (updated) count_update();
+    if (health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near)) judge_matches();
+    if (health_.lost() || failed_) [[unlikely]]
+      return &lose(failed_ ? *failed_ : health_.reason());
     if (!updated) return nullptr;
-    if (!follower_.in_front() || out_of_image() || hidden()) return &lose();
+    if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
+    if (health_.edges_due()) judge_edges();
     return &tell();
   }
 
-  double least_reliable_fraction() const noexcept { return (1 + settings_.min_matched_fraction) / 2; }
+  void count_update() noexcept {
+    matched_ += follower_.last_update().matched;
+    pose_.quality.updated_t = t_;
+    if (misfit_.events() < kMisfitEvents) misfit_.add(follower_.last_update(), settings_.matching.max_distance_px);
+    if (pose_.quality.state == TrackingState::converging) converge();
+  }
+
+  // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
+  // matching distance, what follows is evidence, and a way back over it decides.
+  void converge() noexcept {
+    if (converging_since_ == kNever) converging_since_ = t_;
+    if (!settled_ && (matched_ >= kSettling || knows_edges(estimate()))) {
+      settled_ = true;
+      health_.restart(t_);
+      verification_.start_window(follower_, VerificationWindow::brief);
+    }
+    if (verified_ && matched_ >= settings_.converging_events && health_.sure())
+      pose_.quality.state = TrackingState::tracking;
+    else if (elapsed_us(converging_since_, t_) > kLongestConverging_us)
+      failed_ = LossReason::not_confirmed;
+  }
+
+  void judge_matches() noexcept {
+    if (settled_) health_.judge_matches(t_);
+  }
+
+  void judge_edges() noexcept {
+    health_.judge_edges(model(), T_camera_marker());
+    if (health_.events_per_px2() > 0) follower_.expect_events_per_px2(health_.events_per_px2());
+  }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
   void describe(PoseEstimate& pose) const noexcept {
@@ -228,6 +246,7 @@ class MarkerTracker {
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
+    pose.quality.health = health_.probability();
   }
 
   // The first events tell where the marker is; from there they are tracked.
@@ -242,25 +261,16 @@ class MarkerTracker {
     return pose;
   }
 
-  // The first updates refine the detection; what happened in them is not held against the tracker.
-  void start_judging() noexcept {
-    pose_.quality.state = TrackingState::tracking;
-    verification_.start_window(follower_);
-    matched_fraction_.restore();
-    coverage_.restart();
-  }
-
-  bool hidden() noexcept {
-    if (!coverage_.due()) return false;
-    const auto silent_share = coverage_.silent_share(model(), T_camera_marker());
-    return silent_share && *silent_share > settings_.max_silent_share && pose_.quality.state == TrackingState::tracking;
-  }
-
+  // What a way back says. While the tracker converges, a start that was off fails it without being wrong.
   void note(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;
     pose_.quality.backtrack_t = t_;
+    const bool passed = verification_.passes(error);
+    if (passed && settled_) verified_ = true;
+    if (settled_) health_.judge_verification(passed);
+    if (!passed && pose_.quality.state == TrackingState::tracking) failed_ = LossReason::verification;
   }
 
   // With less than half of the marker left in the image, no more events will come to tell where it went.
@@ -279,19 +289,27 @@ class MarkerTracker {
            });
   }
 
+  static constexpr int kSettling = 1000;       // matched events, where a rule does not say how sure it is
+  static constexpr int kMisfitEvents = 4000;
+  static constexpr std::uint64_t kLongestConverging_us = 2000000;
+  static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
+
   Settings settings_;
   UndistortionTable lines_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
-  EdgeCoverage coverage_;
+  TrackHealth health_;
   std::optional<Capture> capture_;  // kept when it is done: nothing is freed while events come
   Eigen::Vector3d centre_;          // of the model's bounding box, marker frame [m]
   PoseEstimate pose_;  // the last one that was told, but `quality.state` and what verification found are as of now
   bool capturing_ = false;
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  Misfit misfit_;                                                        // of the converging updates
-  MatchedFraction matched_fraction_{settings_.matched_fraction_events};  // of the events on or near the wireframe
+  Misfit misfit_;                       // of the first updates
+  bool settled_ = false;                // the start has been refined: what follows is evidence
+  bool verified_ = false;               // a way back has led to where it should
+  std::optional<LossReason> failed_;    // beyond any odds
+  Timestamp converging_since_ = kNever;
 };
 
 }  // namespace evmarker

@@ -16,6 +16,8 @@ class Misfit {
     events_ += update.offered;
   }
 
+  int events() const noexcept { return events_; }
+
   /// [px], infinite without events.
   double px() const noexcept {
     return events_ > 0 ? std::sqrt(sum_px2_ / events_) : std::numeric_limits<double>::infinity();

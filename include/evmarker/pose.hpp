@@ -12,6 +12,10 @@
 namespace evmarker {
 
 using MarkerId = int;
+
+/// A setting that is derived from what is seen.
+inline constexpr int kAutomatic = 0;
+
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 

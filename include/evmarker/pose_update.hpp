@@ -16,6 +16,9 @@ concept PoseUpdateRule = std::copyable<R> &&
              int events_per_update, const typename R::Settings& settings) {
   /// Settings are validated here: std::invalid_argument names what is wrong.
   R(settings, events_per_update);
+  /// From here on, so many events come between two updates.
+  { rule.set_events_per_update(events_per_update) }
+  noexcept;
   /// Takes one matched event; the pose is the one at which it was matched.
   { rule.add(correspondence, T_camera_marker) }
   noexcept;

@@ -272,7 +272,7 @@ class TrackerCore {
     if (marker == nullptr) return false;
     const bool silent = marker->silent_until(detection.t, settings_.detection_interval);
     if (!silent || same_place(detection, marker->tracker().T_camera_marker(), lines_.focal_length())) return true;
-    deliver(marker->tracker().lose());
+    deliver(marker->tracker().lose(LossReason::replaced));
     markers_.erase(detection.id);
     return false;
   }

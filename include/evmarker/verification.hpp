@@ -20,10 +20,16 @@ struct VerificationSettings {
   int updates = 100;                  ///< k: forward updates before the way back
   int every = 2;                      ///< the first of so many windows of k updates; 1: all, for twice the cost
   double max_translation_px = 5;      ///< epsilon_T
-  double max_rotation_rad = 0.15;     ///< epsilon_R
+  /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`, summed
+  /// over three axes.
+  double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
   std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
 };
+
+/// How long the way forward is that is gone back. Brief: only until there are so many events that a way back says
+/// anything, for a tracker that has not been verified yet.
+enum class VerificationWindow { full, brief };
 
 /// How far the backtracked pose is from the pose that the forward tracker had at the same time.
 struct BacktrackError {
@@ -65,7 +71,10 @@ class Verification {
     require(settings.updates >= 1, "updates", settings.updates);
     require(settings.every >= 1, "every", settings.every);
     require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
-    require(settings.max_rotation_rad > 0, "max_rotation_rad", settings.max_rotation_rad);
+    require(settings.max_rotation_rad >= 0, "max_rotation_rad", settings.max_rotation_rad);
+    const MarkerModel& model = forward.matcher().model();
+    for (const Eigen::Vector3d& vertex : model.vertices)
+      size_m_ = std::max(size_m_, 2 * (vertex - centre(model)).lpNorm<Eigen::Infinity>());
   }
 
   /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
@@ -89,18 +98,22 @@ class Verification {
     if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
     window_.push(event);
     updates_ += updated;
-    const bool complete = updates_ >= settings_.updates && window_.size() >= settings_.min_events && steps_left_ == 0;
+    const bool complete = (brief_ ? window_.size() >= std::min(kBrief, settings_.min_events)
+                                  : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
+                          steps_left_ == 0;
     const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
     if (!updated || (!complete && !crowded)) return error;
     if (!error && steps_left_ > 0) error = step_back(steps_left_, lines);
     turn_back(forward);
     start(forward);
-    pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
+    pause_ = brief_ ? 0 : static_cast<std::size_t>(settings_.every - 1) * past_.size();
     return error;
   }
 
   /// Forgets the events so far; the next window starts at the forward tracker's present pose.
-  void start_window(const EdgeFollower<Rule>& forward) noexcept {
+  void start_window(const EdgeFollower<Rule>& forward,
+                    VerificationWindow window = VerificationWindow::full) noexcept {
+    brief_ = window == VerificationWindow::brief;
     steps_left_ = 0;
     pause_ = 0;
     start(forward);
@@ -114,11 +127,20 @@ class Verification {
   /// Whether the error is within the thresholds, or within six times what one has to expect. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
     return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
-           error.rotation_rad <= std::max(settings_.max_rotation_rad, kExpected * error.expected_rad);
+           error.rotation_rad <= std::max(max_rotation_rad(), kExpected * error.expected_rad);
+  }
+
+  /// epsilon_R of a marker at the present distance.
+  double max_rotation_rad() const noexcept {
+    if (settings_.max_rotation_rad != kAutomatic) return settings_.max_rotation_rad;
+    const double size_px = backward_.matcher().focal_length() * size_m_ / backward_.T_camera_marker().translation().z();
+    return std::max(kPapersRotation_rad, 3 * settings_.max_translation_px / size_px);
   }
 
  private:
+  static constexpr double kPapersRotation_rad = 0.15;
   static constexpr double kExpected = 6;        // standard deviations
+  static constexpr std::size_t kBrief = 500;    // events of a brief window
   static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
   static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
 
@@ -167,6 +189,7 @@ class Verification {
       steps -= taken;
     }
     if (steps_left_ > 0) return std::nullopt;
+    brief_ = false;
     BacktrackError error =
         backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
     expect(backward_, error);
@@ -196,6 +219,8 @@ class Verification {
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
+  bool brief_ = false;
+  double size_m_ = 0;      // of the model
   std::size_t pause_ = 0;  // events until the next window begins
 };
 
