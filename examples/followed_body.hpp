@@ -43,6 +43,8 @@ inline evmarker::Wireframe load_body(const std::string& path, const std::vector<
     if (!body.start) throw std::invalid_argument(path + " has no start: tell where the body is by --start");
     return body;
   }
+  for (const double value : start)
+    if (!std::isfinite(value)) throw std::invalid_argument("--start has a number that is " + std::to_string(value));
   const Eigen::Quaterniond q(start[6], start[3], start[4], start[5]);
   if (!(std::abs(q.norm() - 1) < 1e-2))
     throw std::invalid_argument("--start: quaternion has length " + std::to_string(q.norm()) + ", must be 1");
