@@ -474,8 +474,8 @@ TEST_CASE("examples: a body of straight edges is tracked from where its file or 
 TEST_CASE("examples: automatic settings are a word, and the default is one of what may be told") {
   const Result help = run(simulated(), "track_file --help");
   REQUIRE(help.code == 0);
-  CHECK(contains(help.out, "--events-per-update auto or 1..1000000"));
-  CHECK(contains(help.out, "--filter-window-us auto or 1..480000000"));
+  CHECK(contains(help.out, "--events-per-update INT:auto or 1..1000000"));
+  CHECK(contains(help.out, "--filter-window-us INT:auto or 1..480000000"));
   const Result named = run(simulated(), "track_file recording.raw" + kOptions + " --events-per-update auto");
   CHECK_MESSAGE(named.code == 0, named.err);
 }

@@ -106,6 +106,7 @@ class WireframeTracker {
  private:
   static constexpr std::uint64_t kLookAgain_us = 5000;  // between two thoughts about where it must be
   static constexpr double kNearest_m = 1e-6;            // in front of the camera
+  static constexpr double kWider = 1.5;                 // so much farther a search must reach to begin again for that
   static constexpr double kSure = 2;                    // standard deviations that a search must reach
   // Beyond half of the body's size one edge lies where another should be.
   static constexpr double kFarthest_share = 0.5, kFarthest_depth_share = 0.3, kFarthest_rad = 0.4;
@@ -163,7 +164,8 @@ class WireframeTracker {
     double moved_px = 0;
     for (const Eigen::Vector3d& vertex : model().vertices)
       moved_px = std::max(moved_px, (image(place->T, vertex) - image(searched_at_, vertex)).norm());
-    if (moved_px > place->reach.reach_share * size_px(place->T) / 2) search(*place);
+    const double share = place->reach.reach_share;
+    if (moved_px > share * size_px(place->T) / 2 || share > kWider * searched_share_) search(*place);
   }
 
   // By the motion before the loss, while that says it more nearly than the search reaches.
@@ -195,6 +197,7 @@ class WireframeTracker {
     if (settings.capture) settings.capture = place.reach;
     tracker_ = MarkerTracker<Rule>(lines_, model(), place.T, settings, id());
     searched_at_ = place.T;
+    searched_share_ = place.reach.reach_share;
     heard_ = false;
   } catch (const std::exception&) {
     heard_ = false;
@@ -223,6 +226,7 @@ class WireframeTracker {
   bool searching_again_ = false;             // since a loss that was told
   bool heard_ = false;                       // there was a pose from `tracker_`: its search is over
   bool registered_ = false;                  // `tracking` since the last loss
+  double searched_share_ = 0;                // and how far it looked, see CaptureSettings
   Eigen::Isometry3d searched_at_;            // where `tracker_` began
   Timestamp looked_t_ = 0;                   // when it was last thought of where the body must be
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
