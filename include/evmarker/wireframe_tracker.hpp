@@ -34,7 +34,8 @@ struct WireframeTrackerSettings {
 /// one or in ranges. Nothing throws; nothing allocates but the beginning of a search after a loss.
 ///
 /// The noise filter decides only on events of a search. A body that is followed takes all of them: what lies beside its
-/// edges is sorted out by the matching better than by neighbours in time, which a slow edge does not have.
+/// edges is sorted out by the matching better than by neighbours in time, which a slow edge does not have. Of the real
+/// pyramid's poses 3 % were wrong with filtered events, none with all, and the median error was 1.0 instead of 2.5 mm.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class WireframeTracker {
  public:
@@ -144,9 +145,9 @@ class WireframeTracker {
     const bool told = !std::exchange(searching_again_, true);
     if (told) {
       ++statistics_.lost;
-      registered_ = false;
+      knew_motion_ = std::exchange(registered_, false);
+      if (knew_motion_) searched_at_ = pose.T_camera_marker;
       last_pose_ = pose;
-      searched_at_ = pose.T_camera_marker;
       lost_ = std::move(tracker_);
     }
     looked_t_ = t;
@@ -170,6 +171,7 @@ class WireframeTracker {
 
   // By the motion before the loss, while that says it more nearly than the search reaches.
   std::optional<Place> expected(Timestamp t) const noexcept {
+    if (!knew_motion_) return std::nullopt;
     const PoseEstimate pose = lost_->pose_at(std::max(t, lost_->estimate().t));
     Place place{pose.T_camera_marker, settings_.capture.value_or(CaptureSettings{})};
     for (const Eigen::Vector3d& vertex : model().vertices)
@@ -191,7 +193,7 @@ class WireframeTracker {
     return sure ? std::optional(place) : std::nullopt;
   }
 
-  // The only place where memory is taken. Without any the tracker stays lost, and the next thought tries again.
+  // The only place where memory is taken. Where there is none, the body stays lost.
   void search(const Place& place) noexcept try {
     MarkerTrackerSettings<Rule> settings = settings_;
     if (settings.capture) settings.capture = place.reach;
@@ -225,6 +227,7 @@ class WireframeTracker {
   std::optional<MarkerTracker<Rule>> lost_;  // what followed it before the present search
   bool searching_again_ = false;             // since a loss that was told
   bool heard_ = false;                       // there was a pose from `tracker_`: its search is over
+  bool knew_motion_ = false;                 // `lost_` had been `tracking`: it had followed the body
   bool registered_ = false;                  // `tracking` since the last loss
   double searched_share_ = 0;                // and how far it looked, see CaptureSettings
   Eigen::Isometry3d searched_at_;            // where `tracker_` began
