@@ -447,8 +447,9 @@ TEST_CASE("examples: a body of straight edges is tracked from where its file or 
   write_file(folder / "elsewhere.yml", kBody + elsewhere);
 
   std::string first;
-  for (const std::string& options : {" --wireframe here.yml", " --wireframe elsewhere.yml --start=" + start,
-                                     " --wireframe nowhere.yml --start=" + start}) {
+  for (const std::string& options :
+       std::vector<std::string>{" --wireframe here.yml", " --wireframe elsewhere.yml --start=" + start,
+                                " --wireframe nowhere.yml --start=" + start}) {
     CAPTURE(options);
     const Result result = run(
         folder, "track_file recording.raw --camera camera.yml" + options + " --output poses.csv --overlay overlay.png");
@@ -515,7 +516,7 @@ TEST_CASE("examples: the README's first code is quickstart.cpp") {
 TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   const std::string calibration = simulated_file("camera.yml"), whole = simulated_file("recording.raw");
   const std::string track = "track_file recording.raw" + kOptions, simulate = "simulate new.raw --duration 0.02";
-  const std::string body = "track_file recording.raw --camera camera.yml";
+  const std::string alone = "track_file recording.raw --camera camera.yml";
   const std::string with_camera = "track_file recording.raw --marker-length 0.10 --camera ";
   const auto track_this = [](const std::string& name) { return "track_file " + name + kOptions; };
   const auto body = [](std::string text) { return [text](const std::string&) { return text; }; };
@@ -612,16 +613,16 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        {"--ids", "--marker-length"},
        "b.yml",
        kBoard},
-      {body + " --wireframe missing.yml", {"wireframe missing.yml", "No such file"}},
-      {body + " --wireframe w.yml", {"w.yml", "start", "--start"}, "w.yml", kBody},
-      {body + " --wireframe w.yml --start 0,0,1,1,0,0", {"--start", "7"}, "w.yml", kBody},
-      {body + " --wireframe w.yml --start 0,0,near,1,0,0,0", {"--start", "near"}, "w.yml", kBody},
-      {body + " --wireframe w.yml --start 0,0,nan,1,0,0,0", {"--start", "nan"}, "w.yml", kBody},
-      {body + " --wireframe w.yml --start 0,0,1,0,0,0,0", {"--start", "quaternion", "0.0"}, "w.yml", kBody},
-      {body + " --wireframe w.yml --start 0,0,-1,1,0,0,0", {"--start", "vertex 0", "z = -1.0"}, "w.yml", kBody},
-      {body + " --start 0,0,1,1,0,0,0", {"--start", "--wireframe"}},
+      {alone + " --wireframe missing.yml", {"wireframe missing.yml", "No such file"}},
+      {alone + " --wireframe w.yml", {"w.yml", "start", "--start"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,1,1,0,0", {"--start", "7"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,near,1,0,0,0", {"--start", "near"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,nan,1,0,0,0", {"--start", "nan"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,1,0,0,0,0", {"--start", "quaternion", "0.0"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,-1,1,0,0,0", {"--start", "vertex 0", "z = -1.0"}, "w.yml", kBody},
+      {alone + " --start 0,0,1,1,0,0,0", {"--start", "--wireframe"}},
       {track + " --wireframe w.yml", {"--wireframe", "--marker-length"}, "w.yml", kBody},
-      {body + " --wireframe w.yml",
+      {alone + " --wireframe w.yml",
        {"wireframe w.yml", "edges[1] to", "9"},
        "w.yml",
        replaced(kBody, "to: 2", "to: 9")},
