@@ -12,6 +12,7 @@ namespace evmarker {
 /// An event and the point of the model that is assumed to have made it. Points are in the camera frame [m].
 struct Correspondence {
   Timestamp t = 0;                              ///< of the event [us]
+  double polarity = 0;                          ///< of the event: 1 ON, -1 OFF, 0 unknown
   int segment = 0;                              ///< index into MarkerModel::segments
   double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
   double squared_px = 0;                        ///< `distance_px` squared
@@ -27,6 +28,7 @@ struct Correspondence {
 /// edge. Lanes from `count` on are finite and mean nothing.
 struct alignas(64) Correspondences {
   Lanes t;              ///< [us]
+  Lanes polarity;       ///< 1 ON, -1 OFF, 0 unknown
   Lanes distance_px;    ///< Eq. (1)
   Lanes M_x, M_y;       ///< line of sight (x, y; 1), Eq. (2)
   Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)

@@ -73,6 +73,7 @@ class EdgeActivity {
   static constexpr double kHidden = 0.1;    // share of its events that a hidden edge makes: of what hides it
   static constexpr double kMost = 3;        // that one edge can say: its contrast may have changed
   static constexpr double kFading = 0.9;    // of the history, for every answer
+  static constexpr double kLeastRate = 1e-6;  // [1/px^2]
   static constexpr double kGrazing = 0.3;   // cosine of the angle between a side's normal and the line of sight
 
   struct Edge {
@@ -83,16 +84,22 @@ class EdgeActivity {
   };
 
   double weigh(double swept_px2) noexcept {
-    double all = 0, expected = 0;
-    for (const int events : events_) all += events;
+    double all = 0, by_events = 0;
+    for (std::size_t i = 0; i < end_.size(); ++i) {
+      all += events_[i];
+      if (swept(i) > 0) by_events += events_[i] * std::min(1.0, events_[i] / (rate(i) * swept(i)));
+    }
     density_ += (density_ > 0 ? 0.1 : 1) * (all / swept_px2 - density_);
-    for (std::size_t i = 0; i < end_.size(); ++i) expected += rate(i) * swept(i);
-    // Motion counts as far as events confirm it: a pose that was moved by a prediction alone makes no edge silent.
-    const double confirmed = expected > 0 ? std::min(1.0, all / expected) : 0;
+    // Motion counts as far as the edges that do make events confirm it: where a pose was moved by a prediction alone,
+    // no edge is silent.
+    const double confirmed = all > 0 ? by_events / all : 0;
     double evidence = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       const double length_px = end_[i].along.norm(), swept = confirmed * this->swept(i);
-      if (swept > kJitter_px * length_px && known(i, length_px)) evidence += weigh(i, swept, kJitter_px * length_px);
+      double silent = 0;
+      if (swept > kJitter_px * length_px && known(i, length_px)) silent = weigh(i, swept, kJitter_px * length_px);
+      evidence += silent;
+      if (silent > 0) continue;  // what is hidden says nothing about what the edge does in sight
       history_[i].events = kFading * history_[i].events + events_[i];
       history_[i].swept_px2 = kFading * history_[i].swept_px2 + swept;
     }
@@ -102,7 +109,7 @@ class EdgeActivity {
   // The events of one pixel in one passage come together: what is counted are pixels that were passed, each a trial of
   // its own. Poisson's logarithm of hidden against in sight, and even odds that the edge is among the hidden ones.
   double weigh(std::size_t i, double swept, double jitter) const noexcept {
-    const double passed = events_[i] / std::max(rate(i), 1e-9);
+    const double passed = events_[i] / rate(i);
     const double hidden = (1 - kHidden) * (swept - jitter) + std::log(kHidden) * passed;
     return std::log(0.5 + 0.5 * std::exp(std::clamp(hidden, -kMost, kMost)));
   }
@@ -110,7 +117,7 @@ class EdgeActivity {
   // Events per swept area. All edges of a printed marker have one contrast, until their own history says otherwise.
   double rate(std::size_t i) const noexcept {
     const double prior_px2 = 0.5 * end_[i].along.norm();
-    return (history_[i].events + prior_px2 * density_) / (history_[i].swept_px2 + prior_px2);
+    return std::max(kLeastRate, (history_[i].events + prior_px2 * density_) / (history_[i].swept_px2 + prior_px2));
   }
   // Of another body, an edge that has never made events is not missed.
   bool known(std::size_t i, double length_px) const noexcept {

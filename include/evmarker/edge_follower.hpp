@@ -72,15 +72,15 @@ class EdgeFollower {
     int segment = 0;  ///< of a matched event
   };
 
-  /// Takes the event with line of sight (m; 1) at time t [us], brighter (`on`) or darker, or of unknown polarity.
+  /// Takes the event with line of sight (m; 1) at time t [us]; polarity 1 is brighter, -1 darker, 0 unknown.
   // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
   // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
   // be done. A quarter of the time.
   [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
-                                     std::optional<bool> on = std::nullopt) noexcept {
+                                     double polarity = 0) noexcept {
     if (!matcher_.on_lattice()) [[unlikely]]
-      return search(m, t, on);
-    return take(m, t, on, matcher_.choose(m));
+      return search(m, t, polarity);
+    return take(m, t, polarity, matcher_.choose(m));
   }
 
   /// Whether events are taken in groups at the present pose. Else one by one.
@@ -105,17 +105,21 @@ class EdgeFollower {
         choice.result = stretch == LatticeMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
       else
         choice = matcher_.choose_carefully(m);
-      const Result result = take(m, events.t[i], std::nullopt, choice);
+      const Result result = take(m, events.t[i], events.polarity[i], choice);
       const bool go_on = after(i, result);
       if (!go_on || (result.updated && moves_ == 0)) return i + 1;
     }
     return end;
   }
 
-  /// How many events a pixel makes while an edge passes over it, as far as that has been seen: see
-  /// EdgeFollowerSettings::events_per_update.
+  /// Takes note of how many events a pixel makes while an edge passes over it: see
+  /// EdgeFollowerSettings::events_per_update. Between updates only.
   void expect_events_per_px2(double events) noexcept {
-    if (MotionEstimatingRule<Rule>) events_per_px2_ = events;
+    if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
+      if (std::exchange(events_per_px2_, events) > 0) return;
+      rule_.expect_events_per_px2(T_camera_marker_, events);
+      start_from(T_camera_marker_);
+    }
   }
   int events_per_update() const noexcept { return events_per_update_; }
 
@@ -215,7 +219,7 @@ class EdgeFollower {
   }
 
   // What becomes of an event that has been matched on the lattice.
-  [[gnu::always_inline]] Result take(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on,
+  [[gnu::always_inline]] Result take(const Eigen::Vector2d& m, Timestamp t, double polarity,
                                      const LatticeMatcher::Choice& choice) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
     if (choice.result != MatchResult::matched) {
@@ -224,23 +228,24 @@ class EdgeFollower {
     }
     if (added_together_) {
       ++offered_;
-      waiting_.set(waiting_.count++, m.x(), m.y(), t, *choice.edge);
+      waiting_.set(waiting_.count++, m.x(), m.y(), t, polarity, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
       if (waiting_.count == kLanes || enough) add_waiting();
       return {choice.result, enough && update(t), choice.edge->segment};
     }
     Correspondence correspondence;
-    return take(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, on);
+    return take(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, polarity);
   }
 
   [[gnu::always_inline]] Result take(MatchResult match, Correspondence& correspondence, Timestamp t,
-                                     std::optional<bool> on) noexcept {
+                                     double polarity) noexcept {
     if (match == MatchResult::far) return {match};
     ++offered_;
     if (match != MatchResult::matched) return {match};
     if constexpr (MotionEstimatingRule<Rule>)
-      if (twist_ && on && contradicts(correspondence, *on)) return {MatchResult::contradicting};
+      if (twist_ && polarity != 0 && contradicts(correspondence, polarity > 0)) return {MatchResult::contradicting};
     correspondence.t = t;
+    correspondence.polarity = polarity;
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.squared_px;
     const bool enough = ++matched_ == events_per_update_;
@@ -248,9 +253,9 @@ class EdgeFollower {
   }
 
   // Off the lattice.
-  [[gnu::noinline]] Result search(const Eigen::Vector2d& m, Timestamp t, std::optional<bool> on) noexcept {
+  [[gnu::noinline]] Result search(const Eigen::Vector2d& m, Timestamp t, double polarity) noexcept {
     Correspondence correspondence;
-    return take(matcher_.match(m, correspondence), correspondence, t, on);
+    return take(matcher_.match(m, correspondence), correspondence, t, polarity);
   }
 
   [[gnu::noinline]] void add_waiting() noexcept {
@@ -290,7 +295,7 @@ class EdgeFollower {
 
   int events_per_update_;
   bool automatic_;
-  double events_per_px2_ = 1;
+  double events_per_px2_ = 0;  // 0: not known
   LatticeMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;

@@ -1,6 +1,7 @@
 #pragma once
 // Floor 1. The error state of a Kalman filter, its covariance, and what time makes of it.
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 
 #include "evmarker/pack.hpp"
@@ -10,17 +11,20 @@ namespace evmarker {
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-/// How far a state is from what was expected: x = [pose; its velocity], and the edge offset o.
+/// Where events lie beside their edges: how far toward the dark side, and how far they trail.
+inline constexpr std::size_t kBiases = 2;
+
+/// How far a state is from what was expected: x = [pose; its velocity], and the biases b = [edge offset, trail].
 struct ErrorState {
   Vector12d x = Vector12d::Zero();
-  double o = 0;
+  std::array<double, kBiases> b{};
 };
 
-/// Its covariance. Columns of twelve are whole vectors of any width; columns of thirteen would not be.
+/// Its covariance. Columns of twelve are whole vectors of any width; columns of fourteen would not be.
 struct ErrorCovariance {
   alignas(32) Matrix12d xx = Matrix12d::Zero();
-  alignas(32) Vector12d xo = Vector12d::Zero();
-  double oo = 0;
+  alignas(32) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
+  std::array<std::array<double, kBiases>, kBiases> bb{};
 
   /// Lets time pass in which the pose moves by `carried` times the velocity, of which `kept` is left.
   /// @param of_pose,of_both,of_velocity process noise: on the diagonals of the pose's, both mixed and the velocity's
@@ -51,7 +55,7 @@ struct ErrorCovariance {
       pose.store(&xx(0, i));
       velocity.store(&xx(0, 6 + i));
     }
-    moved(xo.data()).store(xo.data());
+    for (Vector12d& column : xb) moved(column.data()).store(column.data());
   }
 };
 

@@ -34,6 +34,9 @@ struct Event {
   constexpr bool operator==(const Event&) const = default;
 };
 
+/// 1 ON, -1 OFF.
+constexpr double polarity(const Event& event) noexcept { return event.p > 0 ? 1 : -1; }
+
 /// How the library reads a foreign event type. Works for members `x y p t` (OpenEB) and for accessors
 /// `x() y() polarity() timestamp()` (dv-processing); specialise it for anything else.
 template <typename E>

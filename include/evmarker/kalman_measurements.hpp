@@ -10,24 +10,25 @@
 
 namespace evmarker {
 
-using Vector8d = Eigen::Matrix<double, 8, 1>;
+/// [J; d] of a measurement.
+using MeasurementRow = Eigen::Matrix<double, MeasurementRows::kNumbers, 1>;
 
-/// Collects scalar measurements d = J [p; o] of an error state and solves for it.
+/// Collects scalar measurements d = J [p; b] of an error state and solves for it.
 class KalmanMeasurements {
  public:
   /// @param row [J; d]
   /// @param weight inverse variance, up to the factor that `correct` is given
-  void add(const Vector8d& row, double weight) noexcept {
+  void add(const MeasurementRow& row, double weight) noexcept {
     if (waiting_ == kMost) add_squares();
-    for (std::size_t j = 0; j < 8; ++j) rows_.row[j][waiting_] = row(static_cast<Eigen::Index>(j));
+    for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][waiting_] = row(static_cast<Eigen::Index>(j));
     rows_.weight[waiting_++] = weight;
     ++count_;
   }
 
   /// The same for the first `count` of a lane each; the others must be finite.
-  [[gnu::always_inline]] void add(const std::array<Lanes, 8>& rows, const Lanes& weights, std::size_t count) noexcept {
+  [[gnu::always_inline]] void add(const std::array<Lanes, MeasurementRows::kNumbers>& rows, const Lanes& weights, std::size_t count) noexcept {
     if (waiting_ + kLanes > kMost) add_squares();
-    for (std::size_t j = 0; j < 8; ++j)
+    for (std::size_t j = 0; j < kNumbers; ++j)
       for (std::size_t i = 0; i < kLanes; ++i) rows_.row[j][waiting_ + i] = rows[j][i];
     for (std::size_t i = 0; i < kLanes; ++i) rows_.weight[waiting_ + i] = weights[i];
     waiting_ += count;
@@ -66,7 +67,8 @@ class KalmanMeasurements {
   }
 
  private:
-  static constexpr std::size_t kMost = MeasurementRows::kMost;
+  static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
+                               kStates = MeasurementRows::kStates;
   static constexpr int kFew = 12;             // measured: from there on, it is faster to condense them
   static constexpr double kRounding = 1e-14;  // what it leaves of a sum of squares
 
@@ -92,7 +94,7 @@ class KalmanMeasurements {
     in_wide_vectors([&]() __attribute__((always_inline)) {
       for (std::size_t i = waiting_; i % kLanes != 0; ++i) {
         rows_.weight[i] = 0;
-        for (std::size_t j = 0; j < 8; ++j) rows_.row[j][i] = 0;
+        for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][i] = 0;
       }
       for (std::size_t from = 0; from < waiting_; from += kLanes) add_squares(from);
     });
@@ -101,57 +103,57 @@ class KalmanMeasurements {
   }
 
   [[gnu::always_inline]] void add_squares(std::size_t from) noexcept {
-    alignas(64) std::array<Lanes, 8> row, weighted;
-    for (std::size_t j = 0; j < 8; ++j)
+    alignas(64) std::array<Lanes, kNumbers> row, weighted;
+    for (std::size_t j = 0; j < kNumbers; ++j)
       for (std::size_t i = 0; i < kLanes; ++i) {
         row[j][i] = rows_.row[j][from + i];
         weighted[j][i] = rows_.weight[from + i] * row[j][i];
       }
     const double kept = squares_begun_ || from > 0 ? 1 : 0;
     std::size_t place = 0;
-#pragma GCC unroll 8
-    for (std::size_t j = 0; j < 8; ++j)
-#pragma GCC unroll 8
-      for (std::size_t k = j; k < 8; ++k, ++place)
+#pragma GCC unroll 9
+    for (std::size_t j = 0; j < kNumbers; ++j)
+#pragma GCC unroll 9
+      for (std::size_t k = j; k < kNumbers; ++k, ++place)
         for (std::size_t i = 0; i < kLanes; ++i)
           squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
   }
 
-  // Makes seven measurements that tell the same as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
+  // Makes eight measurements that tell the same as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
   // columns of L, D their weights. A direction of which nothing is told has none.
   [[gnu::noinline]] void condense() noexcept {
-    double S[8][8], L[8][8], D[8];
+    double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
     std::size_t place = 0;
-#pragma GCC unroll 8
-    for (std::size_t k = 0; k < 8; ++k)
-#pragma GCC unroll 8
-      for (std::size_t i = k; i < 8; ++i) S[k][i] = sum(squares_[place++]);
-#pragma GCC unroll 8
-    for (std::size_t k = 0; k < 8; ++k) D[k] = kRounding * S[k][k];
-#pragma GCC unroll 8
-    for (std::size_t k = 0; k < 7; ++k) {
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kNumbers; ++k)
+#pragma GCC unroll 9
+      for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = sum(squares_[place++]);
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kStates; ++k) {
       const bool told = S[k][k] > D[k];
       const double inverse = told ? 1 / S[k][k] : 0;
       D[k] = told ? S[k][k] : 0;
-#pragma GCC unroll 8
-      for (std::size_t i = k; i < 8; ++i) L[k][i] = inverse * S[k][i];
-#pragma GCC unroll 8
-      for (std::size_t j = k + 1; j < 8; ++j)
-#pragma GCC unroll 8
-        for (std::size_t i = j; i < 8; ++i) S[j][i] -= L[k][j] * S[k][i];
+#pragma GCC unroll 9
+      for (std::size_t i = k; i < kNumbers; ++i) L[k][i] = inverse * S[k][i];
+#pragma GCC unroll 9
+      for (std::size_t j = k + 1; j < kNumbers; ++j)
+#pragma GCC unroll 9
+        for (std::size_t i = j; i < kNumbers; ++i) S[j][i] -= L[k][j] * S[k][i];
     }
-#pragma GCC unroll 8
-    for (std::size_t k = 0; k < 7; ++k) rows_.weight[k] = D[k];
-#pragma GCC unroll 8
-    for (std::size_t i = 0; i < 8; ++i)
-#pragma GCC unroll 8
-      for (std::size_t k = 0; k < 7; ++k) rows_.row[i][k] = i < k ? 0 : L[k][i];
-    waiting_ = 7;
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kStates; ++k) rows_.weight[k] = D[k];
+#pragma GCC unroll 9
+    for (std::size_t i = 0; i < kNumbers; ++i)
+#pragma GCC unroll 9
+      for (std::size_t k = 0; k < kStates; ++k) rows_.row[i][k] = i < k ? 0 : L[k][i];
+    waiting_ = kStates;
   }
 
   MeasurementRows rows_;  // that are not in the squares yet
   // Lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun.
-  alignas(64) std::array<Lanes, 36> squares_{};
+  alignas(64) std::array<Lanes, kNumbers*(kNumbers + 1) / 2> squares_{};
   bool squares_begun_ = false;
   int count_ = 0;
   std::size_t waiting_ = 0;

@@ -17,7 +17,7 @@ struct KalmanSettings {
   /// the noise that the rotation's own speed brings.
   double rotation_share = 0.5;
   double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
-  double offset_drift_px = 0.1;     ///< random walk of the edge offset in a second [px]
+  double offset_drift_px = 0.1;     ///< random walk of the edge offset and of the trail in a second [px]
   /// A sensor's unknown delay: shifts the pose along its motion, unseen by the filter. Enters the stated covariance
   /// only.
   double latency_sigma_s = 2e-4;
@@ -30,6 +30,7 @@ struct KalmanSettings {
   double initial_sigma_v_m_s = 0.5;
   double initial_sigma_w_rad_s = 3;
   double initial_sigma_offset_px = 0.3;
+  double initial_sigma_trail_px = 0.3;
 };
 
 }  // namespace evmarker

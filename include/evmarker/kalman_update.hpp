@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -16,10 +17,12 @@
 
 namespace evmarker {
 
-/// Error-state filter over [translation, rotation, velocity, angular velocity, edge offset], perturbations as in
+/// Error-state filter over [translation, rotation, velocity, angular velocity, edge offset, trail], perturbations as in
 /// PoseEstimate. The edge offset is how far [px] on the dark side of an edge its events lie on average: pixels fire on
 /// steps of the logarithm of light, and those crowd where it is dark. Left out, it makes the marker seem smaller and
-/// farther away.
+/// farther away. The trail is how far [px] behind a moving edge they lie: a pixel fires only when a whole step has been
+/// passed. An edge that moves toward the dark makes ON events, so these lie that much nearer to the bright side than
+/// OFF events, whichever way the marker moves. Left out, the pose trails the marker.
 class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
@@ -46,13 +49,15 @@ class KalmanUpdate {
     require(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
     require(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
     require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
+    require(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
     if (events_per_update < 1)
       throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
     P_.xx.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
-    P_.oo = squared(settings.initial_sigma_offset_px);
+    P_.bb[kOffset][kOffset] = squared(settings.initial_sigma_offset_px);
+    P_.bb[kTrail][kTrail] = squared(settings.initial_sigma_trail_px);
   }
 
   void set_events_per_update(int events) noexcept {
@@ -60,17 +65,19 @@ class KalmanUpdate {
     scales_share_ = 1 - std::pow(0.99, events);
   }
 
-  /// Adds one event's row J = [g, (E - T) x g, s] of the measurement, g how its edge moves along the image normal.
+  /// Adds one event's row J = [g, (E - T) x g, s, -s p] of the measurement, g how its edge moves along the image normal,
+  /// p the event's polarity.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
-    const double s = c.dark_side_known ? 1 : 0, residual = c.distance_px - s * offset_px_;
+    const double s = c.dark_side_known ? 1 : 0, trailing = -s * c.polarity;
+    const double residual = c.distance_px - s * bias_px_[kOffset] - trailing * bias_px_[kTrail];
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
     // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
     if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
     const double robust2 = settings_.robust_px * settings_.robust_px;
     const double weight = robust2 / (robust2 + residual2);
-    const Vector8d row(c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s,
-                       residual);
+    MeasurementRow row;
+    row << c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s, trailing, residual;
     measurements_.add(row, weight);
     sums_.residual2 += residual2;
     sums_.lever2 += lever2;
@@ -82,11 +89,13 @@ class KalmanUpdate {
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const double T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
                  T_z = T_camera_marker.translation().z();
-    const double robust2 = settings_.robust_px * settings_.robust_px, offset_px = offset_px_, t_us = t_us_;
-    alignas(64) std::array<Lanes, 8> rows;
+    const double robust2 = settings_.robust_px * settings_.robust_px, offset_px = bias_px_[kOffset],
+                 trail_px = bias_px_[kTrail], t_us = t_us_;
+    alignas(64) std::array<Lanes, MeasurementRows::kNumbers> rows;
     alignas(64) Lanes weights, residual2, lever2, gradient2, since, product;
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const double g_x = c.g_x[i], g_y = c.g_y[i], g_z = c.g_z[i], residual = c.distance_px[i] - offset_px;
+      const double g_x = c.g_x[i], g_y = c.g_y[i], g_z = c.g_z[i], trailing = -c.polarity[i],
+                   residual = c.distance_px[i] - offset_px - trailing * trail_px;
       const double x = c.E_x[i] - T_x, y = c.E_y[i] - T_y, z = c.E_z[i] - T_z, late_us = c.t[i] - t_us;
       residual2[i] = c.is_event[i] * residual * residual;
       lever2[i] = c.is_event[i] * (x * x + y * y + z * z);
@@ -101,7 +110,8 @@ class KalmanUpdate {
       rows[4][i] = z * g_x - x * g_z;
       rows[5][i] = x * g_y - y * g_x;
       rows[6][i] = 1;
-      rows[7][i] = residual;
+      rows[7][i] = trailing;
+      rows[8][i] = residual;
     }
     if (!(sum(product) < kInfinity)) return;
     measurements_.add(rows, weights, c.count);
@@ -129,13 +139,29 @@ class KalmanUpdate {
     const Vector6d twist = twist_ + error.x.tail<6>();
     const double lead_s = dt - mean_dt;
     if (lead_s != 0) step += carried(lead_s) * twist;
-    if (!good || !(step.squaredNorm() + twist.squaredNorm() + squared(error.o) < kInfinity)) return false;
+    if (!good || !(step.squaredNorm() + twist.squaredNorm() + squared(error.b[kOffset]) + squared(error.b[kTrail]) < kInfinity)) return false;
 
     perturb(T_camera_marker, step);
     twist_ = twist;
     lead_s_ = lead_s;
-    offset_px_ += error.o;
+    correct_biases(error);
     return true;
+  }
+
+  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail: half a step of the
+  /// contrast, of an edge that is blurred to about two pixels. Events that have not led to an update are forgotten.
+  void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
+    forget_events();
+    const double trail_px = kEdgeWidth_px / (2 * events), sigma_px = 0.5 * trail_px;
+    MeasurementRow row = MeasurementRow::Zero();
+    row(6 + kTrail) = 1;
+    row(6 + kBiases) = trail_px - bias_px_[kTrail];
+    measurements_.add(row, 1);
+    ErrorState error;
+    if (measurements_.correct(P_, error, 1 / squared(sigma_px))) correct_biases(error);
+    perturb(T_camera_marker, error.x.head<6>());
+    twist_ += error.x.tail<6>();
+    forget_events();
   }
 
   /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
@@ -153,7 +179,7 @@ class KalmanUpdate {
     twist_ = -twist_;
     P_.xx.topRightCorner<6, 6>() *= -1;
     P_.xx.bottomLeftCorner<6, 6>() *= -1;
-    P_.xo.tail<6>() *= -1;
+    for (Vector12d& column : P_.xb) column.tail<6>() *= -1;
   }
 
   /// Of the pose, as PoseEstimate says it.
@@ -176,9 +202,13 @@ class KalmanUpdate {
   }
   Vector6d twist() const noexcept { return twist_; }
   /// How far on the dark side of an edge its events lie [px].
-  double edge_offset_px() const noexcept { return offset_px_; }
+  double edge_offset_px() const noexcept { return bias_px_[kOffset]; }
+  /// How far behind their moving edges events lie [px].
+  double trail_px() const noexcept { return bias_px_[kTrail]; }
 
  private:
+  static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
+  static constexpr double kEdgeWidth_px = 2.1;  // of a lens in focus, point spread 0.6 px
   static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
@@ -186,6 +216,11 @@ class KalmanUpdate {
   void forget_events() noexcept {
     measurements_.clear();
     sums_ = {};
+  }
+
+  void correct_biases(const ErrorState& error) noexcept {
+    bias_px_[kOffset] += error.b[kOffset];
+    bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);  // no event comes before its edge
   }
 
   void average(int count) noexcept {
@@ -260,7 +295,7 @@ class KalmanUpdate {
                    of_both = noise.along(std::copysign(noise.pose_velocity, carried));
     in_packs([&](auto bits)
                  __attribute__((always_inline)) { P_.predict<bits>(carried, kept, of_pose, of_both, of_velocity); });
-    P_.oo += squared(settings_.offset_drift_px) * std::abs(dt);
+    for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vector6d moved = (carried - carried_before) * twist_;
     twist_ *= kept;
     return moved;
@@ -269,7 +304,7 @@ class KalmanUpdate {
   Settings settings_;
   ErrorCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
-  double offset_px_ = 0;
+  std::array<double, kBiases> bias_px_{};  // edge offset, trail
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]

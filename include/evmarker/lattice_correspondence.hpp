@@ -37,14 +37,16 @@ namespace evmarker {
 
 /// Events that were matched to edges of the lattice, number by number.
 struct LatticeMatches {
-  alignas(64) Lanes x{}, y{}, t{};                              ///< line of sight (x, y; 1) and time [us]
+  alignas(64) Lanes x{}, y{}, t{}, polarity{};                  ///< line of sight (x, y; 1), time [us], see Event
   alignas(64) Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in CellLattice::Stretch
   std::size_t count = 0;
 
-  void set(std::size_t i, double m_x, double m_y, Timestamp time, const CellLattice::Stretch& edge) noexcept {
+  void set(std::size_t i, double m_x, double m_y, Timestamp time, double sign,
+           const CellLattice::Stretch& edge) noexcept {
     x[i] = m_x;
     y[i] = m_y;
     t[i] = static_cast<double>(time);
+    polarity[i] = sign;
     coordinate[i] = static_cast<double>(edge.coordinate);
     k[i] = edge.line;
     begin[i] = edge.begin;
@@ -96,6 +98,7 @@ struct OfCoordinate {
     const double E_x = B_x + a2 * D_x, E_y = B_y + a2 * D_y, E_z = B_z + a2 * D_z;
     const double inverse_z = 1 / E_z, scale = focal_length * inverse_z;
     c.t[i] = matches.t[i];
+    c.polarity[i] = matches.polarity[i];
     c.distance_px[i] = focal_length * (n_x * x + n_y * y + n_z);
     c.M_x[i] = x;
     c.M_y[i] = y;

@@ -11,6 +11,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "evmarker/capture.hpp"
@@ -79,7 +80,7 @@ class MarkerTracker {
     const Eigen::Vector2d m = lines_(event);
     if (capturing_) [[unlikely]]
       return capture(Event(event), m);                            // a copy: `event` itself stays in registers
-    return note(event, follower_.push(m, event.t, event.p > 0));  // a NaN direction is far from everything
+    return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
   }
 
   /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
@@ -97,7 +98,7 @@ class MarkerTracker {
       group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
         const Event event = to_event(events[i]);
         const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
-        return std::pair(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t);
+        return std::tuple(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t, polarity(event));
       });
       const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
         if (const PoseEstimate* const pose = note(to_event(events[i]), result)) use(*pose);
@@ -243,6 +244,7 @@ class MarkerTracker {
       pose.twist = rule.twist();
     }
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
+    if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;

@@ -87,6 +87,7 @@ struct PoseEstimate {
       std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
   std::optional<double> edge_offset_px =
       std::nullopt;  ///< how far on the dark side of their edges events lie, where the rule knows
+  std::optional<double> trail_px = std::nullopt;  ///< how far behind their moving edges, likewise
   TrackingQuality quality;
 };
 

@@ -19,10 +19,11 @@ struct TrackHealthSettings {
   double false_alarm_rate = 1e-6;
 };
 
-/// The odds that a marker is where its tracker says, by all evidence so far: whether events near it lie on its edges,
-/// whether every edge makes the events that it used to make, and what verification and detections say. Log-likelihood
-/// ratios are added up between two bounds (Page's cumulative sum test): from full confidence it takes evidence that
-/// comes up by chance once in 1 / false_alarm_rate to lose the marker.
+/// How likely it is that a marker is where its tracker says, and why not if not: whether events near it lie on its
+/// edges, whether every edge makes the events that it used to make, and what verification and detections say. For each
+/// of these, log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence
+/// it takes evidence that comes up by chance once in 1 / false_alarm_rate to lose the marker. They are not added to
+/// each other: a marker of which half is hidden is matched well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -60,7 +61,7 @@ class TrackHealth {
     judge(independent * (matched_ * std::log(kAnywhere / expected) + near * std::log((1 - kAnywhere) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
-    const double fresh = (matched_ + near_) / kMemory, passed = dt_us / (dt_us + kMemory_us);
+    const double fresh = sure() ? (matched_ + near_) / kMemory : 0, passed = dt_us / (dt_us + kMemory_us);
     usual_share_ = std::clamp(usual_share_ + std::min(fresh, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
     near_per_us_ += passed * (near_ / std::max(dt_us, 1.0) - near_per_us_);
     t_us_ = static_cast<double>(t);
@@ -87,22 +88,20 @@ class TrackHealth {
 
   /// Starts from even odds again.
   void restart(Timestamp t) noexcept {
-    log_odds_ = 0;
-    against_.fill(0);
+    log_odds_.fill(0);
     t_us_ = static_cast<double>(t);
     forget_matches();
     activity_.restart();
   }
 
-  bool lost() const noexcept { return log_odds_ <= -bound_; }
-  /// True at full confidence, to half of the way to even odds.
-  bool sure() const noexcept { return log_odds_ > bound_ / 2; }
+  bool lost() const noexcept { return least() <= -bound_; }
+  /// True while nothing speaks against it, and the events speak for it.
+  bool sure() const noexcept { return least() >= 0 && odds(LossReason::inconsistent) > bound_ / 2; }
   /// That the marker is followed.
-  double probability() const noexcept { return 1 / (1 + std::exp(-log_odds_)); }
-  /// What has spoken most against it since it was last sure.
+  double probability() const noexcept { return 1 / (1 + std::exp(-least())); }
+  /// What speaks most against it.
   LossReason reason() const noexcept {
-    const auto most = std::max_element(against_.begin(), against_.end());
-    return *most > 0 ? static_cast<LossReason>(most - against_.begin()) : LossReason::none;
+    return static_cast<LossReason>(std::min_element(log_odds_.begin() + 1, log_odds_.end()) - log_odds_.begin());
   }
   /// Events that a pixel makes while an edge passes over it; 0 before it is known.
   double events_per_px2() const noexcept { return activity_.events_per_px2(); }
@@ -110,22 +109,22 @@ class TrackHealth {
  private:
   static constexpr int kTogether = 64;
   static constexpr double kAnywhere = 1.0 / 3;  // of events anywhere near an edge, to three times the distance, match
-  static constexpr double kLeastUsual = 0.6, kMostUsual = 0.98;
-  static constexpr double kMemory = 5000;       // [events]
+  static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
+  static constexpr double kMemory = 50000;      // [events]
   static constexpr double kMemory_us = 500000;
 
+  double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
+  double odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
+
   void judge(double log_likelihood_of_loss, LossReason reason) noexcept {
-    log_odds_ = std::min(log_odds_ - log_likelihood_of_loss, bound_);
-    double& against = against_[static_cast<std::size_t>(reason)];
-    against = std::max(0.0, against + log_likelihood_of_loss);
-    if (log_odds_ == bound_) against_.fill(0);
+    double& odds = log_odds_[static_cast<std::size_t>(reason)];
+    odds = std::min(odds - log_likelihood_of_loss, bound_);
   }
 
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
   double bound_;  // of the logarithm of the odds, to both sides
-  double log_odds_ = 0;
-  std::array<double, 8> against_{};  // by LossReason: what has spoken for it since the marker was last sure
+  std::array<double, 8> log_odds_{};  // that it is not lost for this reason, by LossReason
   EdgeActivity activity_;
   int matched_ = 0, near_ = 0;  // events since the last judgement
   double t_us_ = 0;             // of that

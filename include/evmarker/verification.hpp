@@ -7,6 +7,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "evmarker/edge_follower.hpp"
@@ -176,14 +177,14 @@ class Verification {
         EventGroup group;
         group.fill(std::min(steps, EventGroup::kMost), [&](std::size_t i) {
           const Event& event = past_[steps_left_ - 1 - i];
-          return std::pair(lines(event), mirrored(event.t));
+          return std::tuple(lines(event), mirrored(event.t), polarity(event));
         });
         taken = 0;
         while (taken < group.count() && backward_.in_groups())
           taken = backward_.push(group, taken, [](auto...) { return true; });
       } else {
         const Event& event = past_[steps_left_ - 1];
-        backward_.push(lines(event), mirrored(event.t), event.p > 0);
+        backward_.push(lines(event), mirrored(event.t), polarity(event));
       }
       steps_left_ -= taken;
       steps -= taken;
