@@ -29,9 +29,10 @@
 #include "evmarker/opencv/aruco_detector.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/opencv/wireframe.hpp"
 #include "evmarker/tracker.hpp"
 #include "evmarker/trajectory.hpp"
+#include "evmarker/wireframe_tracker.hpp"
 
 namespace evmarker::bench {
 
@@ -41,9 +42,9 @@ struct Trial {
   std::optional<std::chrono::microseconds> filter_window;
 };
 
-template <PoseUpdateRule Rule>
-TrackerSettings<Rule> settings(const Trial& trial) {
-  TrackerSettings<Rule> s;
+template <typename Settings>
+Settings settings(const Trial& trial) {
+  Settings s;
   if (trial.events_per_update) s.marker.events_per_update = *trial.events_per_update;
   if (trial.filter_window) s.filter_window = *trial.filter_window;
   return s;
@@ -87,28 +88,6 @@ inline std::vector<Event> read_events(const std::filesystem::path& path, SensorS
   for_each_event(recording, [&](const Event& event) { events.push_back(event); });
   return events;
 }
-
-/// A `MarkerTracker` behind the noise filter, as `Tracker` has one.
-template <PoseUpdateRule Rule>
-class FilteredMarkerTracker {
- public:
-  FilteredMarkerTracker(const PinholeCamera& camera, const MarkerModel& model, const Eigen::Isometry3d& T_start,
-                        const TrackerSettings<Rule>& settings)
-      : filter_(camera.sensor_size(), settings.filter_window), tracker_(camera, model, T_start, settings.marker) {}
-
-  template <typename Use>
-  void push(std::span<const Event> events, const Use& use) {
-    kept_.clear();
-    std::ranges::copy_if(events, std::back_inserter(kept_), [&](const Event& event) { return filter_.accept(event); });
-    tracker_.push(kept_, use);
-  }
-  PoseEstimate pose_at(Timestamp t) const { return tracker_.pose_at(t); }
-
- private:
-  SpatiotemporalFilter filter_;
-  MarkerTracker<Rule> tracker_;
-  std::vector<Event> kept_;
-};
 
 }  // namespace detail
 
@@ -174,10 +153,9 @@ BodyVerdict judge_pyramid(const std::filesystem::path& data, const Trial& trial 
       moments.push_back(detail::time(row));
       references.push_back(detail::pose(row));
     }
-  const MarkerModel pyramid{
-      {{0, 0, 0}, {0.114893, 0, -0.041032}, {-0.057447, 0.0995, -0.041032}, {-0.057447, -0.0995, -0.041032}},
-      {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {2, 3}, {3, 1}}};
-  detail::FilteredMarkerTracker<Rule> tracker(camera, pyramid, references.at(0), settings<Rule>(trial));
+  Wireframe pyramid = opencv::load_wireframe((folder / "wireframe.yml").string());
+  pyramid.start = references.at(0);
+  WireframeTracker<Rule> tracker(camera, pyramid, settings<WireframeTrackerSettings<Rule>>(trial));
   return follow(tracker, events, moments, {10, 8}, [&](const PoseEstimate& pose, std::size_t i) {
     const PoseError error = pose_error(pose.T_camera_marker, references[i]);
     return Distance{error.translation_mm, error.rotation_deg};
@@ -203,7 +181,8 @@ BodyVerdict judge_flip(const std::filesystem::path& data, const Trial& trial = {
   const double depth = kFocal * kSide / start.at(3);
   const Eigen::Isometry3d T_start = facing_pose(
       {(start.at(1) - kCentre) / kFocal * depth, (start.at(2) - kCentre) / kFocal * depth, depth}, {0, 0, start.at(4)});
-  detail::FilteredMarkerTracker<Rule> tracker(camera, make_square_marker(kSide), T_start, settings<Rule>(trial));
+  WireframeTracker<Rule> tracker(camera, Wireframe{0, make_square_marker(kSide), T_start},
+                                 settings<WireframeTrackerSettings<Rule>>(trial));
   return follow(tracker, events, moments, {3, 10}, [&](const PoseEstimate& pose, std::size_t i) {
     const Eigen::Vector2d centre = camera.project(pose.T_camera_marker.translation());
     const auto& R = pose.T_camera_marker.linear();
@@ -313,7 +292,7 @@ TagsVerdict judge_tags(const std::filesystem::path& data, bool as_board, const T
   BoardDetector detector(
       camera, opencv::ArucoDetector(camera, {.dictionary = kDictionary, .marker_length = board.markers[0].length}),
       as_board ? std::vector{board} : std::vector<Board>{});
-  Tracker<decltype(detector), Rule> tracker(camera, detector, settings<Rule>(trial));
+  Tracker<decltype(detector), Rule> tracker(camera, detector, settings<TrackerSettings<Rule>>(trial));
 
   TagsVerdict verdict;
   verdict.targets = as_board ? 1 : static_cast<int>(board.markers.size());

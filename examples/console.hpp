@@ -46,6 +46,23 @@ inline CLI::Validator positive_number() {
           "POSITIVE"};
 }
 
+/// Accepts `auto`, as 0, or a whole number from 1 to `most`.
+inline CLI::Validator automatic_or_up_to(int most) {
+  return {[most](std::string& text) {
+            if (text == "auto") {
+              text = "0";
+              return std::string();
+            }
+            int value = 0;
+            const bool good = CLI::detail::lexical_cast(text, value) && value >= 1 && value <= most;
+            return good ? std::string() : text + " is neither auto nor a number from 1 to " + std::to_string(most);
+          },
+          "auto or 1.." + std::to_string(most)};
+}
+
+/// How the default of such an option is shown.
+inline std::string automatic_or(int value) { return value == 0 ? "auto" : std::to_string(value); }
+
 inline int fail(const CLI::App& app, std::string reason) {
   std::replace(reason.begin(), reason.end(), '\n', ' ');  // OpenCV's reasons may have several lines
   std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), reason.c_str());

@@ -8,10 +8,12 @@
 #include <evmarker/opencv/calibration.hpp>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "console.hpp"
+#include "followed_body.hpp"
 #include "recording_checks.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
@@ -22,11 +24,17 @@ using namespace evmarker;
 namespace {
 
 struct TrackFileOptions : TrackOptions {
-  std::string truth;
+  std::string truth, wireframe;
+  std::vector<double> start;
   ViewerOptions view;
 
   void add_to(CLI::App& app) {
     TrackOptions::add_to(app);
+    auto* const body = app.add_option("--wireframe", wireframe, "body of straight edges to track alone, a YAML file");
+    app.add_option("--start", start, "where the body is at first: tx,ty,tz,qx,qy,qz,qw, in place of the file's `start`")
+        ->delimiter(',')
+        ->expected(7)
+        ->needs(body);
     app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");
     app.add_option("--overlay", view.overlay, "picture of the tracked markers at the end of the recording");
     app.add_option("--video", view.video, "video of the tracked markers, .mp4, .mkv or .avi");
@@ -36,50 +44,90 @@ struct TrackFileOptions : TrackOptions {
         ->capture_default_str();
     app.add_flag("--show", view.show, "show the same in a window, at the recording's pace");
   }
+
+  /// @throws std::invalid_argument where other markers are to be tracked beside a body
+  Wireframe load_body() const {
+    if (marker_length > 0 || !boards.empty() || !ids.empty())
+      throw std::invalid_argument("--wireframe: a body is tracked alone, without --marker-length, --board and --ids");
+    return ::load_body(wireframe, start);
+  }
+};
+
+// Everything around the tracker: what goes into it and what comes of its poses.
+class Run {
+ public:
+  Run(const TrackFileOptions& options, const PinholeCamera& camera, io::PoseColumns columns)
+      : options_(options),
+        viewer_(camera, options.view),  // before there are other threads
+        recording_(options.recording, {.sensor_size = camera.sensor_size()}) {
+    recording_checks::require_size(recording_.sensor_size(), options.recording, camera.sensor_size(), options.camera);
+    if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
+    if (!options.output.empty()) output_.emplace(options.output, columns);
+  }
+
+  /// @param model_of gives the model of a marker's id
+  /// @param if_none what to say where there was no pose
+  template <typename AnyTracker, typename ModelOf>
+  void operator()(AnyTracker& tracker, const ModelOf& model_of, const char* if_none) {
+    const auto start = std::chrono::steady_clock::now();
+    push_all(tracker, model_of);
+    const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
+    recording_checks::require_sane(recording_, options_.recording, options_.camera, true);
+    if (truth_) summary_.require_compared(options_.truth);
+    viewer_.finish(tracker, model_of);
+    if (output_) output_->close();
+    summary_.print(recording_.statistics(), tracker.statistics(), wall.count(), if_none);
+  }
+
+ private:
+  template <typename AnyTracker, typename ModelOf>
+  void push_all(AnyTracker& tracker, const ModelOf& model_of) {
+    console::ProgressBar progress(options_.quiet);
+    for (auto batch = recording_.next_batch(); !batch.empty(); batch = recording_.next_batch()) {
+      recording_checks::require_sane(recording_, options_.recording, options_.camera, false);
+      for (std::span<const Event> left = batch; !left.empty();) {
+        viewer_.advance(left.front().t, tracker, model_of);
+        const std::span<const Event> until_frame = viewer_.before_next_frame(left);
+        tracker.push(until_frame, [&](const PoseEstimate& pose) {
+          if (output_) output_->write(pose);
+          summary_.add(pose, truth_ ? truth_->at(pose.id, pose.t) : std::nullopt);
+          viewer_.add(pose);
+        });
+        left = left.subspan(until_frame.size());
+      }
+      summary_.add(batch);
+      progress.update(recording_.bytes_read(), recording_.bytes_total());
+    }
+  }
+
+  const TrackFileOptions& options_;
+  Viewer viewer_;
+  io::EventReader recording_;
+  std::optional<io::GroundTruth> truth_;
+  std::optional<io::PoseCsvWriter> output_;
+  TrackSummary summary_;
 };
 
 template <PoseUpdateRule Rule>
 void track(const TrackFileOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
+  const TrackerSettings<Rule> settings = options.settings<Rule>(rule);
+  if (!options.wireframe.empty()) {
+    const Wireframe body = options.load_body();
+    Run run(options, camera, columns);
+    FollowedBody<Rule> tracker(camera, body, {settings.filter_window, settings.marker});
+    run(
+        tracker, [&](MarkerId) { return body.model; },
+        "the body was not found: it must move to be seen; is it where --start or the file's `start` says?");
+    return;
+  }
   const std::vector<Board> boards = options.load_boards();
   BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
-  Viewer viewer(camera, options.view);  // before there are other threads
-  io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
-  recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
-  std::optional<io::GroundTruth> truth;
-  if (!options.truth.empty()) truth = io::GroundTruth::read(options.truth);
-  std::optional<io::PoseCsvWriter> output;
-  if (!options.output.empty()) output.emplace(options.output, columns);
-
-  Tracker tracker(camera, detector, options.settings<Rule>(rule));
-  TrackSummary summary;
-  const auto model_of = [&](MarkerId id) { return detector.model(id); };
-  const auto start = std::chrono::steady_clock::now();
-  {
-    console::ProgressBar progress(options.quiet);
-    for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch()) {
-      recording_checks::require_sane(recording, options.recording, options.camera, false);
-      for (std::span<const Event> left = batch; !left.empty();) {
-        viewer.advance(left.front().t, tracker, model_of);
-        const std::span<const Event> until_frame = viewer.before_next_frame(left);
-        tracker.push(until_frame, [&](const PoseEstimate& pose) {
-          if (output) output->write(pose);
-          summary.add(pose, truth ? truth->at(pose.id, pose.t) : std::nullopt);
-          viewer.add(pose);
-        });
-        left = left.subspan(until_frame.size());
-      }
-      summary.add(batch);
-      progress.update(recording.bytes_read(), recording.bytes_total());
-    }
-  }
-  const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
-
-  recording_checks::require_sane(recording, options.recording, options.camera, true);
-  if (truth) summary.require_compared(options.truth);
-  viewer.finish(tracker, model_of);
-  if (output) output->close();
-  summary.print(recording.statistics(), tracker.statistics(), wall.count());
+  Run run(options, camera, columns);
+  Tracker tracker(camera, detector, settings);
+  run(
+      tracker, [&](MarkerId id) { return detector.model(id); },
+      "no marker was found: it must move to be seen; is it in --dictionary and --ids?");
 }
 
 void track(const TrackFileOptions& options) {

@@ -17,8 +17,9 @@ struct TrackOptions {
   double marker_length = 0;
   std::vector<std::string> boards;
   std::vector<int> ids;
-  int events_per_update = 100;
-  int filter_window_us = 2000;
+  // Automatic or not, as the library has them.
+  int events_per_update = evmarker::TrackerSettings<>{}.marker.events_per_update;
+  int filter_window_us = static_cast<int>(evmarker::TrackerSettings<>{}.filter_window.count());
   bool quiet = false;
 
   void add_to(CLI::App& app) {
@@ -35,12 +36,13 @@ struct TrackOptions {
                    "update rule: kalman, decoupled (the paper's, tuned) or paper (with its own numbers)")
         ->check(CLI::IsMember({"kalman", "decoupled", "paper"}))
         ->capture_default_str();
-    app.add_option("--events-per-update", events_per_update, "matched events per pose")
-        ->check(CLI::Range(1, 1000000))
-        ->capture_default_str();
-    app.add_option("--filter-window-us", filter_window_us, "noise filter: age of a supporting event")
-        ->check(CLI::Range(1, 480000000))
-        ->capture_default_str();
+    app.add_option("--events-per-update", events_per_update, "matched events per pose; auto: by the marker's size")
+        ->transform(console::automatic_or_up_to(1000000))
+        ->default_str(console::automatic_or(events_per_update));
+    app.add_option("--filter-window-us", filter_window_us,
+                   "noise filter: age of a supporting event; auto: by the noise that there is")
+        ->transform(console::automatic_or_up_to(480000000))
+        ->default_str(console::automatic_or(filter_window_us));
     app.add_option("--output", output, "poses of every marker as CSV");
     app.add_flag("--quiet", quiet, "no progress bar");
   }

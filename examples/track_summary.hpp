@@ -24,7 +24,7 @@ class TrackSummary {
   void add(const evmarker::PoseEstimate& pose, const std::optional<Eigen::Isometry3d>& truth) {
     Marker& marker = markers_[pose.id];
     if (marker.poses++ == 0) marker.first_t = pose.t;
-    marker.losses += pose.quality.state == evmarker::TrackingState::lost;
+    if (pose.quality.state == evmarker::TrackingState::lost) ++marker.losses[pose.quality.loss_reason];
     if (truth) marker.accuracy.add(pose, *truth);
     ++poses_;
     compared_ += truth.has_value();
@@ -39,8 +39,9 @@ class TrackSummary {
                              " poses of marker " + ids);
   }
 
+  /// @param if_none what to say where there was no pose
   void print(const evmarker::io::RecordingStatistics& recording, const evmarker::TrackerStatistics& tracker,
-             double wall_s) const {
+             double wall_s, const char* if_none) const {
     const auto share = [&](std::uint64_t n) {
       return 100.0 * static_cast<double>(n) / static_cast<double>(tracker.events);
     };
@@ -51,14 +52,15 @@ class TrackSummary {
                   tracker.events, kept, share(kept), tracker.matched, share(tracker.matched));
     print_faults(recording);
     for (const auto& [id, marker] : markers_) print(id, marker);
-    if (markers_.empty()) std::puts("no marker was found: it must move to be seen; is it in --dictionary and --ids?");
+    if (markers_.empty()) std::puts(if_none);
     const double recorded_s = static_cast<double>(end_ - begin_) * 1e-6;
     std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s);
   }
 
  private:
   struct Marker {
-    std::uint64_t poses = 0, losses = 0;
+    std::uint64_t poses = 0;
+    std::map<evmarker::LossReason, std::uint64_t> losses;
     evmarker::Timestamp first_t = 0;
     evmarker::AccuracyMeter accuracy;
   };
@@ -74,9 +76,20 @@ class TrackSummary {
     tell(s.truncated_bytes, "bytes at the end that are no whole event: the file was cut");
   }
 
+  // As "lost 3 times: 2 hidden, 1 verification".
+  static std::string text(const std::map<evmarker::LossReason, std::uint64_t>& losses) {
+    std::uint64_t sum = 0;
+    std::string reasons;
+    for (const auto& [reason, count] : losses) {
+      sum += count;
+      reasons += (reasons.empty() ? ": " : ", ") + std::to_string(count) + ' ' + to_string(reason);
+    }
+    return "lost " + std::to_string(sum) + " times" + reasons;
+  }
+
   void print(evmarker::MarkerId id, const Marker& marker) const {
-    std::printf("marker %-3d %" PRIu64 " poses, the first at %.3f s, lost %" PRIu64 " times\n", id, marker.poses,
-                static_cast<double>(marker.first_t - begin_) * 1e-6, marker.losses);
+    std::printf("marker %-3d %" PRIu64 " poses, the first at %.3f s, %s\n", id, marker.poses,
+                static_cast<double>(marker.first_t - begin_) * 1e-6, text(marker.losses).c_str());
     if (marker.accuracy.tracking() == 0) return;
     const auto mm = marker.accuracy.translation_mm(), deg = marker.accuracy.rotation_deg();
     std::printf("           error %.2f mm %.2f deg mean, %.2f mm %.2f deg median, %.2f mm %.2f deg at 95 %%\n", mm.mean,

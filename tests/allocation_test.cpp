@@ -15,6 +15,7 @@
 #include "evmarker/marker_tracker.hpp"
 #include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/tracker.hpp"
+#include "evmarker/wireframe_tracker.hpp"
 #include "simulated.hpp"
 
 namespace {
@@ -220,4 +221,21 @@ TEST_CASE("events that come together are tracked without an allocation between l
   CHECK(poses > 500);
   CHECK(batches > 500);
   CHECK(allocating == 0);
+}
+
+TEST_CASE("a body of edges is searched and followed without an allocation until it is lost") {
+  const auto& events = recording().events;
+  const WireframeTracker<KalmanUpdate> start(
+      simulated::camera,
+      Wireframe{200, make_code_marker(simulated::kMarkerLength, simulated::code()), recording().motion(0)});
+  for (std::size_t pushed = 0; pushed < kEvents; pushed += events.size()) {
+    WireframeTracker<KalmanUpdate> tracker = start;
+    std::size_t poses = 0;
+    const Count count;
+    for (const Event& event : events) poses += tracker.push(event) != nullptr;
+    REQUIRE(count.taken() == 0);
+    REQUIRE(count.given_back() == 0);
+    CHECK(poses > 500);
+    REQUIRE(tracker.statistics().lost == 0);
+  }
 }

@@ -49,12 +49,22 @@ constexpr bool kScreen = false;
 #endif
 const std::string kOptions = " --camera camera.yml --marker-length 0.10";
 const char* const kPoseHeader =
-    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
+    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason";
 
 const char* const kBoard = R"(board: 100
 markers:
   - { id: 1, length: 0.05, rotation: [0, 0, 0], translation: [-0.04, 0, 0] }
   - { id: 2, length: 0.05, rotation: [0, 0, 0], translation: [0.04, 0, 0] }
+)";
+
+// The black square of marker 7 as four edges.
+const char* const kBody = R"(wireframe: 200
+vertices: [[-0.05, 0.05, 0], [0.05, 0.05, 0], [0.05, -0.05, 0], [-0.05, -0.05, 0]]
+edges:
+  - { from: 0, to: 1, dark_side: [0, -1, 0], face_normal: [0, 0, 1] }
+  - { from: 1, to: 2, dark_side: [-1, 0, 0], face_normal: [0, 0, 1] }
+  - { from: 2, to: 3, dark_side: [0, 1, 0], face_normal: [0, 0, 1] }
+  - { from: 3, to: 0, dark_side: [1, 0, 0], face_normal: [0, 0, 1] }
 )";
 
 struct Result {
@@ -412,6 +422,65 @@ TEST_CASE("examples: a board of markers is simulated and tracked as one") {
   for (const Row& pose : read_table(read_file(folder / "both.csv"))) CHECK(pose.id == "100");
 }
 
+TEST_CASE("examples: a body of straight edges is tracked from where its file or an option says that it is") {
+  const TemporaryFolder folder;
+  for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
+    std::filesystem::create_symlink(simulated() / name, folder / name);
+  const auto truth = read_table(simulated_file("truth.csv"));
+  // 5 mm beside the true place, in both forms.
+  const Eigen::Vector3d place = truth[0].translation + Eigen::Vector3d(0.005, 0, 0);
+  const Eigen::Quaterniond& q = truth[0].rotation;
+  const Eigen::AngleAxisd turn(q);
+  const Eigen::Vector3d rotation = turn.angle() * turn.axis();
+  const auto text = [](const std::vector<double>& numbers) {
+    std::ostringstream out;
+    out.precision(12);
+    for (std::size_t i = 0; i < numbers.size(); ++i) out << (i > 0 ? "," : "") << numbers[i];
+    return out.str();
+  };
+  const std::string start = text({place.x(), place.y(), place.z(), q.x(), q.y(), q.z(), q.w()});
+  const std::string in_file = "start: { rotation: [" + text({rotation.x(), rotation.y(), rotation.z()}) +
+                              "], translation: [" + text({place.x(), place.y(), place.z()}) + "] }\n";
+  const std::string elsewhere = "start: { rotation: [0, 3.14, 0], translation: [0, 0, 5] }\n";
+  write_file(folder / "nowhere.yml", kBody);
+  write_file(folder / "here.yml", kBody + in_file);
+  write_file(folder / "elsewhere.yml", kBody + elsewhere);
+
+  std::string first;
+  for (const std::string& options :
+       std::vector<std::string>{" --wireframe here.yml", " --wireframe elsewhere.yml --start=" + start,
+                                " --wireframe nowhere.yml --start=" + start}) {
+    CAPTURE(options);
+    const Result result = run(
+        folder, "track_file recording.raw --camera camera.yml" + options + " --output poses.csv --overlay overlay.png");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK(contains(result.out, "marker 200 "));
+    const auto poses = read_table(read_file(folder / "poses.csv"));
+    for (const Row& pose : poses) CHECK(pose.id == "200");
+    const MeanError error = mean_tracking_error(poses, truth);
+    MESSAGE(error.poses << " poses, " << error.mm << " mm, " << error.deg << " deg");
+    REQUIRE(error.poses > 200);
+    CHECK(error.mm < 10);
+    CHECK(error.deg < 3);
+    CHECK(cv::imread((folder / "overlay.png").string()).cols == 1280);
+  }
+
+  // The truth is of marker 7, not of the body.
+  const Result wrong =
+      run(folder, "track_file recording.raw --camera camera.yml --wireframe here.yml --truth truth.csv");
+  CHECK(wrong.code == 1);
+  CHECK(contains(wrong.err, "marker 200"));
+}
+
+TEST_CASE("examples: automatic settings are a word, and the default is one of what may be told") {
+  const Result help = run(simulated(), "track_file --help");
+  REQUIRE(help.code == 0);
+  CHECK(contains(help.out, "--events-per-update INT:auto or 1..1000000"));
+  CHECK(contains(help.out, "--filter-window-us INT:auto or 1..480000000"));
+  const Result named = run(simulated(), "track_file recording.raw" + kOptions + " --events-per-update auto");
+  CHECK_MESSAGE(named.code == 0, named.err);
+}
+
 TEST_CASE("examples: quickstart's pose agrees with the truth that it prints") {
   const TemporaryFolder folder;
   const Result result = run(folder, "quickstart");
@@ -447,6 +516,7 @@ TEST_CASE("examples: the README's first code is quickstart.cpp") {
 TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   const std::string calibration = simulated_file("camera.yml"), whole = simulated_file("recording.raw");
   const std::string track = "track_file recording.raw" + kOptions, simulate = "simulate new.raw --duration 0.02";
+  const std::string alone = "track_file recording.raw --camera camera.yml";
   const std::string with_camera = "track_file recording.raw --marker-length 0.10 --camera ";
   const auto track_this = [](const std::string& name) { return "track_file " + name + kOptions; };
   const auto body = [](std::string text) { return [text](const std::string&) { return text; }; };
@@ -501,6 +571,8 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --events-per-update -5", {"--events-per-update", "-5"}},
       {track + " --filter-window-us 0", {"--filter-window-us", "0 "}},
       {track + " --filter-window-us -2000", {"--filter-window-us", "-2000"}},
+      {track + " --events-per-update often", {"--events-per-update", "often", "auto"}},
+      {track + " --filter-window-us 1.5", {"--filter-window-us", "1.5", "auto"}},
       {track + " --update magic", {"--update", "magic"}},
       {track + " --truth missing.csv", {"missing.csv", "No such file"}},
       {track + " --truth t.csv",
@@ -541,6 +613,19 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        {"--ids", "--marker-length"},
        "b.yml",
        kBoard},
+      {alone + " --wireframe missing.yml", {"wireframe missing.yml", "No such file"}},
+      {alone + " --wireframe w.yml", {"w.yml", "start", "--start"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,1,1,0,0", {"--start", "7"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,near,1,0,0,0", {"--start", "near"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,nan,1,0,0,0", {"--start", "nan"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,1,0,0,0,0", {"--start", "quaternion", "0.0"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml --start 0,0,-1,1,0,0,0", {"--start", "vertex 0", "z = -1.0"}, "w.yml", kBody},
+      {alone + " --start 0,0,1,1,0,0,0", {"--start", "--wireframe"}},
+      {track + " --wireframe w.yml", {"--wireframe", "--marker-length"}, "w.yml", kBody},
+      {alone + " --wireframe w.yml",
+       {"wireframe w.yml", "edges[1] to", "9"},
+       "w.yml",
+       replaced(kBody, "to: 2", "to: 9")},
       {simulate + " --board b.yml", {"board b.yml", "translation"}, "b.yml", replaced(kBoard, "translation", "place")},
       {simulate + " --board b.yml --ids 3", {"--board", "--ids"}, "b.yml", kBoard},
       {"evaluate missing.csv --truth truth.csv", {"missing.csv", "No such file"}},

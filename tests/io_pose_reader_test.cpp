@@ -58,6 +58,27 @@ TEST_CASE("read_pose_csv: columns by name, those that are not needed may be miss
   CHECK(poses[0].T_camera_marker.linear() == Eigen::Matrix3d::Identity());
   CHECK(poses[0].quality.state == TrackingState::tracking);
   CHECK(std::isnan(poses[0].quality.backtrack_px));
+  CHECK(poses[0].quality.health == 0);
+  CHECK(poses[0].quality.loss_reason == LossReason::none);
+}
+
+TEST_CASE("read_pose_csv: a table from before health and reasons were told is read, and one with them") {
+  const TemporaryFolder folder;
+  const std::string row = "1,2,lost,0,0,1,0,0,0,1,5,0.5,3,0.25";
+  const auto before = read_pose_csv(write_file(folder / "before.csv", kColumns + row + "\n"));
+  REQUIRE(before.size() == 1);
+  CHECK(before[0].quality.state == TrackingState::lost);
+  CHECK(before[0].quality.backtrack_rad == 0.25);
+  CHECK(before[0].quality.health == 0);
+  CHECK(before[0].quality.loss_reason == LossReason::none);
+  const std::string columns = std::string(kPoseCsvHeader) + "\n";
+  const auto with = read_pose_csv(write_file(folder / "with.csv", columns + row + ",0.125,left_image\n"));
+  REQUIRE(with.size() == 1);
+  CHECK(with[0].quality.backtrack_rad == 0.25);
+  CHECK(with[0].quality.health == 0.125);
+  CHECK(with[0].quality.loss_reason == LossReason::left_image);
+  CHECK(contains(error_in(read_pose_csv, columns + row + ",0.125,tired\n"), "line 2: loss_reason is 'tired'"));
+  CHECK(contains(error_in(read_pose_csv, columns + row + ",well,hidden\n"), "line 2: health is 'well'"));
 }
 
 TEST_CASE("read_pose_csv: mistakes are named with their line") {

@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -31,6 +32,8 @@ std::vector<PoseEstimate> random_poses(std::size_t count) {
     const Eigen::Quaterniond q(normal(random), normal(random), normal(random), normal(random));
     pose.T_camera_marker = Eigen::Translation3d(normal(random), normal(random), normal(random)) * q.normalized();
     pose.quality = {.state = static_cast<TrackingState>(i % 3),
+                    .health = std::abs(normal(random)),
+                    .loss_reason = static_cast<LossReason>(i % 8),
                     .matched = static_cast<int>(i),
                     .offered = 0,
                     .residual_px = normal(random),
@@ -51,8 +54,10 @@ TEST_CASE("PoseCsvWriter: the table's exact text") {
   pose.T_camera_marker.translation() = Eigen::Vector3d(0.1, -0.25, 1e-7);
   pose.quality.matched = 42;
   pose.quality.residual_px = 0.5;
+  pose.quality.health = 0.75;
   writer.write(pose);
   pose.quality.state = TrackingState::lost;
+  pose.quality.loss_reason = LossReason::hidden;
   pose.quality.backtrack_px = 3;
   pose.quality.backtrack_rad = -std::numeric_limits<double>::quiet_NaN();
   writer.write(pose);
@@ -60,9 +65,9 @@ TEST_CASE("PoseCsvWriter: the table's exact text") {
   CHECK_FALSE(std::filesystem::exists(folder / "poses.csv"));
   writer.close();
   CHECK(read_file(folder / "poses.csv") ==
-        "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad\n"
-        "123456,7,converging,0.1,-0.25,1e-07,0,0,0,1,42,0.5,nan,nan\n"
-        "123456,7,lost,0.1,-0.25,1e-07,0,0,0,1,42,0.5,3,nan\n");
+        "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason\n"
+        "123456,7,converging,0.1,-0.25,1e-07,0,0,0,1,42,0.5,nan,nan,0.75,none\n"
+        "123456,7,lost,0.1,-0.25,1e-07,0,0,0,1,42,0.5,3,nan,0.75,hidden\n");
   CHECK(folder.files() == 1);
 }
 
@@ -82,6 +87,8 @@ TEST_CASE("PoseCsvWriter: numbers read back exactly, the quaternion with w >= 0"
     CHECK(read[i].quality.residual_px == poses[i].quality.residual_px);
     CHECK(read[i].quality.backtrack_px == poses[i].quality.backtrack_px);
     CHECK(read[i].quality.backtrack_rad == poses[i].quality.backtrack_rad);
+    CHECK(read[i].quality.health == poses[i].quality.health);
+    CHECK(read[i].quality.loss_reason == poses[i].quality.loss_reason);
     CHECK(read[i].T_camera_marker.translation() == poses[i].T_camera_marker.translation());
     CHECK((read[i].T_camera_marker.linear() - poses[i].T_camera_marker.linear()).norm() < 1e-14);
   }

@@ -12,6 +12,7 @@
 using Eigen::Vector3d;
 using evmarker::CodeBits;
 using evmarker::make_code_marker;
+using evmarker::make_rectangle_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
 using evmarker::MarkerSegment;
@@ -132,6 +133,25 @@ TEST_CASE("the square has its corners from the top left clockwise and is dark in
   evmarker::validate(model);
 }
 
+TEST_CASE("a rectangle is a square that is as wide and as high as it is told, and no lattice") {
+  const MarkerModel model = make_rectangle_marker(0.3, 0.2), square = make_square_marker(0.2);
+  REQUIRE(model.vertices.size() == 4);
+  CHECK((model.vertices[0] - Eigen::Vector3d(-0.15, 0.1, 0)).norm() < 1e-15);
+  CHECK((model.vertices[1] - Eigen::Vector3d(0.15, 0.1, 0)).norm() < 1e-15);
+  CHECK((model.vertices[2] - Eigen::Vector3d(0.15, -0.1, 0)).norm() < 1e-15);
+  CHECK((model.vertices[3] - Eigen::Vector3d(-0.15, -0.1, 0)).norm() < 1e-15);
+  REQUIRE(model.segments.size() == 4);
+  for (std::size_t i = 0; i < 4; ++i) {
+    CHECK(model.segments[i].from == square.segments[i].from);
+    CHECK(model.segments[i].to == square.segments[i].to);
+    CHECK(model.segments[i].dark_side == square.segments[i].dark_side);
+    CHECK(model.segments[i].face_normal == square.segments[i].face_normal);
+  }
+  CHECK(model.cells == 0);
+  CHECK(make_rectangle_marker(0.2, 0.2).vertices == square.vertices);
+  CHECK_NOTHROW(validate(model));
+}
+
 TEST_CASE("a code of one black cell is the plain square") {
   const MarkerModel model = make_code_marker(0.3, bits(1, {0}));
   CHECK(model.segments.size() == 4);
@@ -234,6 +254,12 @@ TEST_CASE("an impossible length is refused with its value") {
         "marker length must be a positive number of metres, not nan");
   CHECK(message_of([] { make_code_marker(-1, bits(1, {0})); }) ==
         "marker length must be a positive number of metres, not -1.000000");
+  CHECK(message_of([] { make_rectangle_marker(-1, 2); }) ==
+        "marker width must be a positive number of metres, not -1.000000");
+  CHECK(message_of([] { make_rectangle_marker(1, 0); }) ==
+        "marker height must be a positive number of metres, not 0.000000");
+  CHECK(message_of([] { make_rectangle_marker(1, std::nan("")); }) ==
+        "marker height must be a positive number of metres, not nan");
 }
 
 TEST_CASE("a code that is not a square of cells is refused with its size") {

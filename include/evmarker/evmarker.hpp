@@ -27,3 +27,5 @@
 #include "evmarker/trigger_event.hpp"
 #include "evmarker/undistortion_table.hpp"
 #include "evmarker/verification.hpp"
+#include "evmarker/wireframe.hpp"
+#include "evmarker/wireframe_tracker.hpp"

@@ -42,9 +42,10 @@ using CodeBits = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eig
 
 namespace detail {
 
-inline void require_marker_length(double length) {
+inline void require_marker_length(double length, const char* field = "length") {
   if (!(std::isfinite(length) && length > 0))
-    throw std::invalid_argument("marker length must be a positive number of metres, not " + std::to_string(length));
+    throw std::invalid_argument(std::string("marker ") + field + " must be a positive number of metres, not " +
+                                std::to_string(length));
 }
 
 }  // namespace detail
@@ -81,6 +82,18 @@ inline MarkerModel make_square_marker(double length) {
            {2, 3, {0, 1, 0}, Eigen::Vector3d::UnitZ()},
            {3, 0, {1, 0, 0}, Eigen::Vector3d::UnitZ()}},
           1};
+}
+
+/// The outline of a dark rectangle, `width` by `height` [m], otherwise as `make_square_marker`.
+/// @throws std::invalid_argument naming the side that is not positive
+inline MarkerModel make_rectangle_marker(double width, double height) {
+  detail::require_marker_length(width, "width");
+  detail::require_marker_length(height, "height");
+  if (width == height) return make_square_marker(width);  // which is matched faster
+  MarkerModel model = make_square_marker(1);
+  for (Eigen::Vector3d& vertex : model.vertices) vertex = vertex.cwiseProduct(Eigen::Vector3d(width, height, 0));
+  model.cells = 0;
+  return model;
 }
 
 /// The outline of a black-bordered code marker (ArUco, AprilTag) and every edge between its black and white cells.

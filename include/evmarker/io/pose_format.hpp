@@ -15,7 +15,7 @@ namespace evmarker::io {
 
 /// First line of a pose table: metres and unit quaternion of `T_camera_marker`.
 inline constexpr std::string_view kPoseCsvHeader =
-    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad";
+    "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason";
 
 /// What a rule that estimates velocity and covariance adds to each row: twist [m/s; rad/s], edge offset, and the
 /// standard deviations of position (root of the trace) and rotation.

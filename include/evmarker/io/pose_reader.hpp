@@ -68,6 +68,14 @@ inline TrackingState parse_state(const LineReader& lines, std::string_view text)
   throw bad_field(lines, "state", text);
 }
 
+inline LossReason parse_loss_reason(const LineReader& lines, std::string_view text) {
+  for (const auto reason :
+       {LossReason::none, LossReason::hidden, LossReason::left_image, LossReason::inconsistent,
+        LossReason::verification, LossReason::replaced, LossReason::events_missing, LossReason::not_confirmed})
+    if (text == to_string(reason)) return reason;
+  throw bad_field(lines, "loss_reason", text);
+}
+
 }  // namespace detail
 
 /// Reads lines `t tx ty tz qx qy qz qw` (t in seconds; `#` begins a comment).
@@ -92,7 +100,7 @@ inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
 }
 
 /// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those of kPoseCsvHeader, `state` and
-/// all behind `qw` may be missing (then `tracking`, 0 and NaN).
+/// all behind `qw` may be missing (then `tracking`, 0, NaN and `none`).
 /// @throws RecordingError naming the line and value that is malformed
 inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
   LineReader lines(path);
@@ -111,8 +119,8 @@ inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path
   for (std::size_t i = 0; i < required.size(); ++i)
     if ((at[i] = column(required[i])) == names.size())
       throw lines.error("no column '" + std::string(required[i]) + "'");
-  const std::size_t state = column("state"), matched = column("matched");
-  const std::array<std::string_view, 3> errors{"residual_px", "backtrack_px", "backtrack_rad"};
+  const std::size_t state = column("state"), matched = column("matched"), loss_reason = column("loss_reason");
+  const std::array<std::string_view, 4> values{"residual_px", "backtrack_px", "backtrack_rad", "health"};
 
   std::vector<PoseEstimate> poses;
   while (const auto line = lines.next()) {
@@ -129,10 +137,12 @@ inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path
     auto& quality = pose.quality;
     quality.state = state < names.size() ? detail::parse_state(lines, fields[state]) : TrackingState::tracking;
     if (matched < names.size()) quality.matched = detail::parse_number<int>(lines, "matched", fields[matched]);
-    const std::array<double*, 3> targets{&quality.residual_px, &quality.backtrack_px, &quality.backtrack_rad};
-    for (std::size_t i = 0; i < errors.size(); ++i)
-      if (const auto found = column(errors[i]); found < names.size())
-        *targets[i] = detail::parse_number<double>(lines, errors[i], fields[found]);
+    const std::array<double*, 4> targets{&quality.residual_px, &quality.backtrack_px, &quality.backtrack_rad,
+                                         &quality.health};
+    for (std::size_t i = 0; i < values.size(); ++i)
+      if (const auto found = column(values[i]); found < names.size())
+        *targets[i] = detail::parse_number<double>(lines, values[i], fields[found]);
+    if (loss_reason < names.size()) quality.loss_reason = detail::parse_loss_reason(lines, fields[loss_reason]);
     poses.push_back(pose);
   }
   return poses;

@@ -73,10 +73,13 @@ class PoseCsvWriter {
     text += std::to_string(pose.t) + ',' + std::to_string(pose.id) + ',' + to_string(pose.quality.state) + ',';
     append_pose(text, pose.T_camera_marker, ',');
     text += ',' + std::to_string(pose.quality.matched);
-    for (const double value : {pose.quality.residual_px, pose.quality.backtrack_px, pose.quality.backtrack_rad}) {
+    const TrackingQuality& q = pose.quality;
+    for (const double value : {q.residual_px, q.backtrack_px, q.backtrack_rad, q.health}) {
       text += ',';
       append_number(text, value);
     }
+    text += ',';
+    text += to_string(q.loss_reason);
     if (columns_ == PoseColumns::pose_and_motion) append_motion(text, pose);
     file_.end_line();
   }

@@ -1,5 +1,6 @@
 #pragma once
 // opencv. Files of named fields that OpenCV's FileStorage reads, with errors that name file, field and value.
+#include <Eigen/Core>
 #include <cerrno>
 #include <cmath>
 #include <fstream>
@@ -92,6 +93,29 @@ class SettingsFile {
   cv::FileNode required(const std::string& field) const {
     if (!has(field)) fail("no field " + field);
     return storage_[field];
+  }
+
+  // A field of a map inside of the file, which errors call `place`.
+  cv::FileNode field(const cv::FileNode& map, const std::string& place, const char* name) const {
+    const cv::FileNode node = map[name];
+    if (node.empty()) fail(place + " has no field " + name);
+    return node;
+  }
+
+  // Three numbers; `field` is what errors call the node.
+  Eigen::Vector3d vector(const cv::FileNode& node, const std::string& field) const {
+    if (!node.isSeq() || node.size() != 3) fail(field + " is not a list of 3 numbers");
+    Eigen::Vector3d vector;
+    for (int i = 0; i < 3; ++i) vector(i) = number(node[i], field + "[" + std::to_string(i) + "]");
+    return vector;
+  }
+
+  // Ids, and numbers of things.
+  int whole_number(const cv::FileNode& node, const std::string& field) const {
+    const double value = number(node, field);
+    if (!(value >= 0 && value <= 1e9 && value == std::floor(value)))
+      fail(field + " is " + show(value) + ", not a whole number from 0 on");
+    return static_cast<int>(value);
   }
 
   // `field` is what errors call the node.
