@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
@@ -19,6 +20,8 @@
 #include "evmarker/detection.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
+#include "evmarker/opencv/code_book.hpp"
+#include "evmarker/opencv/dark_quads.hpp"
 #include "evmarker/opencv/frame_fit.hpp"
 #include "evmarker/opencv/guessed_image.hpp"
 #include "evmarker/polarity_frame.hpp"
@@ -57,18 +60,8 @@ class ArucoDetector {
     require(is_share(settings_.min_edge_support), "min_edge_support", settings_.min_edge_support);
     require(settings_.max_alternative_ratio >= 0, "max_alternative_ratio", settings_.max_alternative_ratio);
 
-    const SensorSize size = camera_.sensor_size();
-    parameters_.adaptiveThreshWinSizeMin = 11;  // two windows: one for small markers, one that noise does not fill
-    parameters_.adaptiveThreshWinSizeMax = 61;
-    parameters_.adaptiveThreshWinSizeStep = 50;
-    parameters_.minMarkerPerimeterRate = 4 * settings_.min_side_px / std::max(size.width, size.height);
-    parameters_.polygonalApproxAccuracyRate = 0.04;
-    parameters_.minDistanceToBorder = 1;
-    parameters_.perspectiveRemovePixelPerCell = 6;
-    parameters_.perspectiveRemoveIgnoredMarginPerCell = 0.2;  // the rims of cells are ragged
-    parameters_.maxErroneousBitsInBorderRate = 0.2;
-    parameters_.errorCorrectionRate = 0;
-    parameters_.cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;  // own window size, see refine_corners()
+    for (MarkerId id = 0; id < dictionary_size(dictionary_); ++id)
+      if (wanted(id)) codes_.add(id, bits(id));
   }
 
   /// The markers in a frame of the camera's size, each id at most once.
@@ -77,20 +70,26 @@ class ArucoDetector {
     require_size(frame.sensor_size());
     image_ = guess_image(frame);
     t_ = frame.t();
-    std::vector<std::vector<cv::Point2f>> candidates;
-    std::vector<int> ids;
-    detail::detect_markers(image_, dictionary_, parameters_, candidates, ids);
+    std::map<MarkerId, std::vector<CodeBook::Reading>> readings;  // one outline may allow several quadrilaterals
+    const auto read_quads = [&](const cv::Mat& dark) {
+      for (const Quad& quad : find_dark_quads(dark, settings_.min_side_px))
+        if (const auto reading = codes_.read(image_, quad)) readings[reading->id].push_back(*reading);
+    };
+    const cv::Mat dark = image_ == PolarityFrame::kOff;
+    cv::Mat without_whiskers;
+    cv::morphologyEx(dark, without_whiskers, cv::MORPH_OPEN, cv::Mat());
+    read_quads(dark);
+    read_quads(without_whiskers);
 
-    std::map<MarkerId, Candidate> best;  // ArUco may find the same marker's inner and outer contour
-    for (std::size_t i = 0; i < ids.size(); ++i) {
-      if (!wanted(ids[i])) continue;
-      const auto candidate = locate(ids[i], std::move(candidates[i]));
-      if (!candidate) continue;
-      const auto known = best.find(ids[i]);
-      if (known == best.end() || candidate->cost_px < known->second.cost_px) best.insert_or_assign(ids[i], *candidate);
-    }
     std::vector<MarkerDetection> detections;
-    for (const auto& [id, candidate] : best) detections.push_back(candidate.detection);
+    for (auto& [id, of_marker] : readings) {
+      std::ranges::stable_sort(of_marker, std::greater<>(), &CodeBook::Reading::clarity);
+      for (const CodeBook::Reading& reading : of_marker)
+        if (const auto detection = locate(id, reading.corners)) {
+          detections.push_back(*detection);
+          break;
+        }
+    }
     return detections;
   }
 
@@ -118,11 +117,6 @@ class ArucoDetector {
   const ArucoDetectorSettings& settings() const noexcept { return settings_; }
 
  private:
-  struct Candidate {
-    MarkerDetection detection;
-    double cost_px;
-  };
-
   void require_size(SensorSize size) const {
     const SensorSize expected = camera_.sensor_size();
     if (size == expected) return;
@@ -134,8 +128,7 @@ class ArucoDetector {
     return settings_.ids.empty() || std::ranges::find(settings_.ids, id) != settings_.ids.end();
   }
 
-  std::optional<Candidate> locate(MarkerId id, std::vector<cv::Point2f> corners) const {
-    refine_corners(corners);
+  std::optional<MarkerDetection> locate(MarkerId id, const Quad& corners) const {
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
@@ -153,7 +146,7 @@ class ArucoDetector {
     });
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
-    return Candidate{detection, fits[0].cost_px};
+    return detection;
   }
 
   // The pose whose image is nearly the same: tilted as much to the other side of the line of sight.
@@ -175,22 +168,13 @@ class ArucoDetector {
     return detection;
   }
 
-  void refine_corners(std::vector<cv::Point2f>& corners) const {
-    // The window must not reach the next corner of a cell: half a cell of the shortest side.
-    double side = cv::norm(corners[3] - corners[0]);
-    for (std::size_t i = 0; i < 3; ++i) side = std::min(side, cv::norm(corners[i + 1] - corners[i]));
-    const int half = std::clamp(static_cast<int>(side / (2 * (dictionary_.markerSize + 2))), 1, 5);
-    cv::cornerSubPix(image_, corners, {half, half}, {-1, -1},
-                     {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 20, 0.02});
-  }
-
   // Both poses that a square allows (they mirror its tilt), each at the minimum of its reprojection error.
-  std::vector<Eigen::Isometry3d> solve_pnp(const std::vector<cv::Point2f>& corners) const {
+  std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
     const std::vector<cv::Point3d> points{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}};
     std::vector<cv::Point2d> undistorted;
-    for (const cv::Point2f& corner : corners) {
-      const Eigen::Vector3d M = camera_.line_of_sight({corner.x, corner.y});
+    for (const Eigen::Vector2d& corner : corners) {
+      const Eigen::Vector3d M = camera_.line_of_sight(corner);
       if (!M.allFinite()) return {};
       undistorted.emplace_back(M.x(), M.y());
     }
@@ -230,7 +214,7 @@ class ArucoDetector {
   Camera camera_;
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
-  cv::aruco::DetectorParameters parameters_;
+  CodeBook codes_;
   cv::Mat image_;  // of the last look
   Timestamp t_ = 0;
 };
