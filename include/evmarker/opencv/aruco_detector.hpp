@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <numbers>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -168,26 +169,29 @@ class ArucoDetector {
     return detection;
   }
 
-  // Both poses that a square allows (they mirror its tilt), each at the minimum of its reprojection error.
+  // Both poses that a square allows: they mirror its tilt. Solved for a square whose y and z point as the camera's do and
+  // whose top left is the topmost left corner: OpenCV's rotation vectors are wrong near half a turn.
   std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
-    const std::vector<cv::Point3d> points{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}};
+    const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
+    const auto upper_left = std::ranges::min_element(corners, {}, [](const Eigen::Vector2d& p) { return p.sum(); });
+    const std::ptrdiff_t turns = upper_left - corners.begin();
     std::vector<cv::Point2d> undistorted;
-    for (const Eigen::Vector2d& corner : corners) {
-      const Eigen::Vector3d M = camera_.line_of_sight(corner);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Eigen::Vector3d M = camera_.line_of_sight(corners[(i + static_cast<std::size_t>(turns)) % 4]);
       if (!M.allFinite()) return {};
       undistorted.emplace_back(M.x(), M.y());
     }
-    const cv::Matx33d identity = cv::Matx33d::eye();
+    const Eigen::Matrix3d R_square_marker =
+        so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)}) * Eigen::Vector3d(1, -1, -1).asDiagonal();
     std::vector<cv::Mat> rotations, translations;
-    cv::solvePnPGeneric(points, undistorted, identity, cv::noArray(), rotations, translations, false,
-                        cv::SOLVEPNP_IPPE_SQUARE);
+    cv::solvePnPGeneric(points, undistorted, cv::Matx33d::eye(), cv::noArray(), rotations, translations, false,
+                        cv::SOLVEPNP_IPPE);
     std::vector<Eigen::Isometry3d> poses;
     for (std::size_t i = 0; i < rotations.size(); ++i) {
-      cv::solvePnPRefineLM(points, undistorted, identity, cv::noArray(), rotations[i], translations[i]);
       const cv::Vec3d r = rotations[i], t = translations[i];
       Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-      T.linear() = so3_exp({r[0], r[1], r[2]});
+      T.linear() = so3_exp({r[0], r[1], r[2]}) * R_square_marker;
       T.translation() << t[0], t[1], t[2];
       if (T.matrix().allFinite() && t[2] > 0) poses.push_back(T);
     }

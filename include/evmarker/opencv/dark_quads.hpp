@@ -101,21 +101,22 @@ inline double covered(const std::vector<Side>& sides, const Eigen::Vector2d& fro
 }
 
 // The quadrilateral of four sides, if they bound one.
-inline std::optional<Quad> quad_of(const std::vector<Side>& all, const std::array<const Side*, 4>& sides,
-                                   double min_side_px) {
+inline std::optional<Quad> quad_of(const std::vector<Side>& all, const std::array<Side, 4>& sides, double min_side_px,
+                                   bool last_unseen) {
   constexpr double kLeastOfSide = 0.3, kLeast = 0.6;  // of the outline that must be straight pieces of the contour
   Quad quad;
   for (std::size_t i = 0; i < 4; ++i) {
-    quad[i] = intersection(*sides[(i + 3) % 4], *sides[i]);
+    quad[i] = intersection(sides[(i + 3) % 4], sides[i]);
     if (!quad[i].allFinite()) return std::nullopt;
   }
   double outline = 0, seen = 0;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Eigen::Vector2d way = quad[(i + 1) % 4] - quad[i];
-    const double length = way.dot(sides[i]->along);  // less than 0: the lines cross on the wrong side
+    const Eigen::Vector2d& from = quad[i];
+    const Eigen::Vector2d& to = quad[(i + 1) % 4];
+    const double length = sides[i].along.dot(to - from);  // less than 0: the lines cross on the wrong side
     if (length < min_side_px) return std::nullopt;
-    const double share = covered(all, quad[i], quad[(i + 1) % 4]);
-    if (share < kLeastOfSide) return std::nullopt;
+    const double share = covered(all, from, to);
+    if (share < kLeastOfSide && !(last_unseen && i == 3)) return std::nullopt;
     outline += length;
     seen += share * length;
   }
@@ -123,37 +124,50 @@ inline std::optional<Quad> quad_of(const std::vector<Side>& all, const std::arra
   return quad;
 }
 
+// All quadrilaterals that four of the sides bound, in their order, or three, and the ends of the first and the last.
+inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<Quad>& quads) {
+  const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
+  const auto opposite = [](const Side& a, const Side& b) { return a.along.dot(b.along) < -0.5; };
+  const std::size_t count = sides.size();
+  for (std::size_t first = 0; first < count; ++first) {
+    const auto side = [&](std::size_t after) -> const Side& { return sides[(first + after) % count]; };
+    const Side& a = sides[first];
+    for (std::size_t i = 1; i < count; ++i) {
+      const Side& b = side(i);
+      if (!turns(a, b)) continue;
+      for (std::size_t j = i + 1; j < count; ++j) {
+        const Side& c = side(j);
+        if (!turns(b, c) || !opposite(a, c)) continue;
+        const auto close = [&](const Side& d, bool unseen) {
+          if (!turns(c, d) || !turns(d, a) || !opposite(b, d)) return;
+          if (const auto quad = quad_of(sides, {a, b, c, d}, min_side_px, unseen)) quads.push_back(*quad);
+        };
+        for (std::size_t k = j + 1; first + k < count; ++k) close(side(k), false);  // begun with the first of the four
+        const Eigen::Vector2d way = a.from - c.to;
+        if (way.norm() > min_side_px) close({c.to, a.from, way.normalized()}, true);
+      }
+    }
+  }
+}
+
 }  // namespace detail
 
-/// The quadrilaterals that the dark areas (0) of an image have as their outlines, all of them that four straight pieces
-/// of an outline allow: pieces may be missing, and whiskers and neighbours may hang on to them.
+/// The quadrilaterals that the dark areas (not 0) of a mask have as their outlines, all of them that the straight pieces
+/// of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of one
+/// side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
 /// @param min_side_px of the shortest side
 inline std::vector<Quad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
-  using detail::Side;
   std::vector<std::vector<cv::Point>> contours;
   std::vector<cv::Vec4i> hierarchy;
   cv::findContours(dark, contours, hierarchy, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
   std::vector<Quad> quads;
-  const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
   for (std::size_t c = 0; c < contours.size(); ++c) {
-    if (hierarchy[c][3] >= 0) continue;  // the rim of a hole
+    constexpr double kForeshortened = 0.7;  // a diamond's box is larger than its sides
+    constexpr double kShortest = 0.3;       // of a side
+    if (hierarchy[c][3] >= 0) continue;     // the rim of a hole
     const cv::Rect box = cv::boundingRect(contours[c]);
-    if (std::min(box.width, box.height) < 0.7 * min_side_px) continue;
-    const std::vector<Side> sides = detail::sides_of(contours[c], 0.3 * min_side_px);
-    const std::size_t count = sides.size();
-    for (std::size_t i = 0; i < count; ++i)
-      for (std::size_t j = i + 1; j < count; ++j) {
-        if (!turns(sides[i], sides[j])) continue;
-        for (std::size_t k = j + 1; k < count; ++k) {
-          if (!turns(sides[j], sides[k]) || sides[i].along.dot(sides[k].along) > -0.5) continue;
-          for (std::size_t l = k + 1; l < count; ++l) {
-            if (!turns(sides[k], sides[l]) || !turns(sides[l], sides[i])) continue;
-            if (sides[j].along.dot(sides[l].along) > -0.5) continue;
-            if (const auto quad = detail::quad_of(sides, {&sides[i], &sides[j], &sides[k], &sides[l]}, min_side_px))
-              quads.push_back(*quad);
-          }
-        }
-      }
+    if (std::min(box.width, box.height) < kForeshortened * min_side_px) continue;
+    detail::add_quads(detail::sides_of(contours[c], kShortest * min_side_px), min_side_px, quads);
   }
   return quads;
 }
