@@ -83,14 +83,8 @@ class ArucoDetector {
     read_quads(without_whiskers);
 
     std::vector<MarkerDetection> detections;
-    for (auto& [id, of_marker] : readings) {
-      std::ranges::stable_sort(of_marker, std::greater<>(), &CodeBook::Reading::clarity);
-      for (const CodeBook::Reading& reading : of_marker)
-        if (const auto detection = locate(id, reading.corners)) {
-          detections.push_back(*detection);
-          break;
-        }
-    }
+    for (auto& [id, of_marker] : readings)
+      if (const auto candidate = best_of(id, of_marker)) detections.push_back(candidate->detection);
     return detections;
   }
 
@@ -118,6 +112,34 @@ class ArucoDetector {
   const ArucoDetectorSettings& settings() const noexcept { return settings_; }
 
  private:
+  struct Candidate {
+    MarkerDetection detection;
+    double cost_px;
+  };
+
+  // Of the clearest readings of a marker, the one that fits best.
+  std::optional<Candidate> best_of(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
+    constexpr int kTried = 3;
+    std::ranges::stable_sort(readings, std::greater<>(), &CodeBook::Reading::clarity);
+    std::optional<Candidate> best;
+    int tried = 0;
+    for (auto reading = readings.begin(); reading != readings.end() && tried < kTried; ++reading) {
+      const auto same = [&](const CodeBook::Reading& other) { return lead_to_one_pose(reading->corners, other.corners); };
+      if (std::any_of(readings.begin(), reading, same)) continue;
+      ++tried;
+      const auto candidate = locate(id, reading->corners);
+      if (candidate && (!best || candidate->cost_px < best->cost_px)) best = candidate;
+    }
+    return best;
+  }
+
+  static bool lead_to_one_pose(const Quad& a, const Quad& b) {
+    constexpr double kSame_px = 2;
+    double farthest = 0;
+    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, (a[i] - b[i]).norm());
+    return farthest < kSame_px;
+  }
+
   void require_size(SensorSize size) const {
     const SensorSize expected = camera_.sensor_size();
     if (size == expected) return;
@@ -129,7 +151,7 @@ class ArucoDetector {
     return settings_.ids.empty() || std::ranges::find(settings_.ids, id) != settings_.ids.end();
   }
 
-  std::optional<MarkerDetection> locate(MarkerId id, const Quad& corners) const {
+  std::optional<Candidate> locate(MarkerId id, const Quad& corners) const {
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
@@ -147,7 +169,7 @@ class ArucoDetector {
     });
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
-    return detection;
+    return Candidate{detection, fits[0].cost_px};
   }
 
   // The pose whose image is nearly the same: tilted as much to the other side of the line of sight.
