@@ -73,7 +73,7 @@ class ArucoDetector {
     t_ = frame.t();
     std::map<MarkerId, std::vector<CodeBook::Reading>> readings;  // one outline may allow several quadrilaterals
     const auto read_quads = [&](const cv::Mat& dark) {
-      for (const Quad& quad : find_dark_quads(dark, settings_.min_side_px))
+      for (const DarkQuad& quad : find_dark_quads(dark, settings_.min_side_px))
         if (const auto reading = codes_.read(image_, quad)) readings[reading->id].push_back(*reading);
     };
     const cv::Mat dark = image_ == PolarityFrame::kOff;
@@ -120,6 +120,7 @@ class ArucoDetector {
   // Of the clearest readings of a marker, the one that fits best.
   std::optional<Candidate> best_of(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
     constexpr int kTried = 3;
+    constexpr double kGood_px = 0.75;  // nearly all edges are where they should be: no other reading is needed
     std::ranges::stable_sort(readings, std::greater<>(), &CodeBook::Reading::clarity);
     std::optional<Candidate> best;
     int tried = 0;
@@ -129,6 +130,7 @@ class ArucoDetector {
       ++tried;
       const auto candidate = locate(id, reading->corners);
       if (candidate && (!best || candidate->cost_px < best->cost_px)) best = candidate;
+      if (best && best->cost_px < kGood_px) break;
     }
     return best;
   }
@@ -159,14 +161,15 @@ class ArucoDetector {
     };
     std::ranges::for_each(solve_pnp(corners), fit_from);
     if (fits.empty()) return std::nullopt;
-    fit_from(mirrored(fits[0].T_camera_marker));  // both starts may have led to one pose
+    constexpr double kSamePose = 0.1;  // [rad]
+    const auto differs = [&](const FrameFit& fit) {
+      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
+    };
+    if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));  // the starts led to one pose
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
 
     MarkerDetection detection = describe(id, fits[0].T_camera_marker);
-    constexpr double kSamePose = 0.1;  // [rad]
-    const auto other = std::ranges::find_if(fits, [&](const FrameFit& fit) {
-      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
-    });
+    const auto other = std::ranges::find_if(fits, differs);
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
     return Candidate{detection, fits[0].cost_px};

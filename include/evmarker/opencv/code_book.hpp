@@ -26,7 +26,7 @@ class CodeBook {
   struct Reading {
     MarkerId id = 0;
     Quad corners;         ///< from the marker's top left clockwise
-    double clarity = 0;  ///< 1 if each part of every cell looks as it should, -1 if each looks like the opposite
+    double clarity = 0;  ///< 1 if its outline is all seen and every part of the cells looks right, less otherwise
   };
 
   void add(MarkerId id, const CodeBits& code) {
@@ -42,10 +42,13 @@ class CodeBook {
   }
 
   /// Reads the cells of a quadrilateral, in an image of 0 dark, 255 bright, 128 unknown.
-  std::optional<Reading> read(const cv::Mat& image, const Quad& quad) const {
-    const Cells cells = look_at(image, quad);
+  std::optional<Reading> read(const cv::Mat& image, const DarkQuad& quad) const {
+    const Cells cells = look_at(image, quad.corners);
     if (cells.border < kLeastBorder) return std::nullopt;
-    const int known = std::popcount(cells.known), allowed = allowed_[static_cast<std::size_t>(known)];
+    const int known = std::popcount(cells.known);
+    // A short code says little, so all of it must be right, and the outline must speak for the marker, too.
+    const bool clear = known == inside() * inside() && quad.seen >= kOutlineSeen;
+    const int allowed = std::max(allowed_[static_cast<std::size_t>(known)], clear ? 0 : -1);
     int best = allowed + 1;
     const Entry* found = nullptr;
     bool unique = true;
@@ -56,9 +59,9 @@ class CodeBook {
       if (unique) best = errors, found = &entry;
     }
     if (found == nullptr || !unique || best > allowed) return std::nullopt;
-    Quad corners = quad;
+    Quad corners = quad.corners;
     std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(found->turn));
-    return Reading{found->id, corners, clarity(cells, found->code)};
+    return Reading{found->id, corners, quad.seen * clarity(cells, found->code)};
   }
 
  private:
@@ -74,6 +77,7 @@ class CodeBook {
     std::array<int, 64> sums;  // the same of each cell inside, from the last one on
   };
   static constexpr double kLeastBorder = 0.75;
+  static constexpr double kOutlineSeen = 0.8;
   static constexpr double kFalseAlarms = 1e-4;  // of quadrilaterals with random cells
   static constexpr int kSide = 3;               // samples of a cell, to each side
 
@@ -86,8 +90,7 @@ class CodeBook {
     return word;
   }
 
-  // How many of so many random bits may differ from a code. Small dictionaries' codes are short: with all bits seen and
-  // right they count all the same. -1: none will do.
+  // How many of so many random bits may differ from a code; -1: so few bits tell nothing.
   int allowed_errors(int bits) const {
     const double codes = static_cast<double>(entries_.size());
     double ways = 1, sum = 0;
@@ -97,7 +100,7 @@ class CodeBook {
       if (codes * sum * std::exp2(-bits) > kFalseAlarms) break;
       ways *= static_cast<double>(bits - errors - 1) / (errors + 2);
     }
-    return bits == inside() * inside() ? std::max(errors, 0) : errors;
+    return errors;
   }
 
   double clarity(const Cells& cells, std::uint64_t code) const {

@@ -15,6 +15,12 @@ namespace evmarker::opencv {
 /// The corners of a convex quadrilateral in the image [px], clockwise as one sees it.
 using Quad = std::array<Eigen::Vector2d, 4>;
 
+/// A dark quadrilateral that was found.
+struct DarkQuad {
+  Quad corners;
+  double seen = 0;  ///< share of its outline along which there are straight edges
+};
+
 namespace detail {
 
 // A straight piece of a contour, with the dark area on its right as one sees it.
@@ -101,8 +107,8 @@ inline double covered(const std::vector<Side>& sides, const Eigen::Vector2d& fro
 }
 
 // The quadrilateral of four sides, if they bound one.
-inline std::optional<Quad> quad_of(const std::vector<Side>& all, const std::array<Side, 4>& sides, double min_side_px,
-                                   bool last_unseen) {
+inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::array<Side, 4>& sides,
+                                       double min_side_px, bool last_unseen) {
   constexpr double kLeastOfSide = 0.3, kLeast = 0.6;  // of the outline that must be straight pieces of the contour
   Quad quad;
   for (std::size_t i = 0; i < 4; ++i) {
@@ -121,11 +127,11 @@ inline std::optional<Quad> quad_of(const std::vector<Side>& all, const std::arra
     seen += share * length;
   }
   if (seen < kLeast * outline) return std::nullopt;
-  return quad;
+  return DarkQuad{quad, seen / outline};
 }
 
 // All quadrilaterals that four of the sides bound, in their order, or three, and the ends of the first and the last.
-inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<Quad>& quads) {
+inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<DarkQuad>& quads) {
   const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
   const auto opposite = [](const Side& a, const Side& b) { return a.along.dot(b.along) < -0.5; };
   const std::size_t count = sides.size();
@@ -156,11 +162,11 @@ inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::v
 /// of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of one
 /// side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
 /// @param min_side_px of the shortest side
-inline std::vector<Quad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
+inline std::vector<DarkQuad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
   std::vector<std::vector<cv::Point>> contours;
   std::vector<cv::Vec4i> hierarchy;
   cv::findContours(dark, contours, hierarchy, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
-  std::vector<Quad> quads;
+  std::vector<DarkQuad> quads;
   for (std::size_t c = 0; c < contours.size(); ++c) {
     constexpr double kForeshortened = 0.7;  // a diamond's box is larger than its sides
     constexpr double kShortest = 0.3;       // of a side
