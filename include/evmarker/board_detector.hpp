@@ -228,9 +228,9 @@ class BoardDetector {
         if (&a == &b) continue;
         const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
         const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
-        const BoardContradiction pair{
-            board.id, a.marker->id, b.marker->id, T_camera_a.inverse() * T_camera_b.translation(),
-            a.marker->T_board_marker.inverse() * b.marker->T_board_marker.translation()};
+        const BoardContradiction pair{board.id, a.marker->id, b.marker->id,
+                                      T_camera_a.inverse() * T_camera_b.translation(),
+                                      a.marker->T_board_marker.inverse() * b.marker->T_board_marker.translation()};
         if ((pair.seen - pair.in_file).norm() > (worst.seen - worst.in_file).norm()) worst = pair;
       }
     return worst;

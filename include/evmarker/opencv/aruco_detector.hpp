@@ -125,7 +125,9 @@ class ArucoDetector {
     std::optional<Candidate> best;
     int tried = 0;
     for (auto reading = readings.begin(); reading != readings.end() && tried < kTried; ++reading) {
-      const auto same = [&](const CodeBook::Reading& other) { return lead_to_one_pose(reading->corners, other.corners); };
+      const auto same = [&](const CodeBook::Reading& other) {
+        return lead_to_one_pose(reading->corners, other.corners);
+      };
       if (std::any_of(readings.begin(), reading, same)) continue;
       ++tried;
       const auto candidate = locate(id, reading->corners);
@@ -194,8 +196,8 @@ class ArucoDetector {
     return detection;
   }
 
-  // Both poses that a square allows: they mirror its tilt. Solved for a square whose y and z point as the camera's do and
-  // whose top left is the topmost left corner: OpenCV's rotation vectors are wrong near half a turn.
+  // Both poses that a square allows: they mirror its tilt. Solved for a square whose y and z point as the camera's do
+  // and whose top left is the topmost left corner: OpenCV's rotation vectors are wrong near half a turn.
   std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
     const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};

@@ -25,7 +25,7 @@ class CodeBook {
  public:
   struct Reading {
     MarkerId id = 0;
-    Quad corners;         ///< from the marker's top left clockwise
+    Quad corners;        ///< from the marker's top left clockwise
     double clarity = 0;  ///< 1 if its outline is all seen and every part of the cells looks right, less otherwise
   };
 
@@ -86,7 +86,8 @@ class CodeBook {
   static std::uint64_t word_of(const CodeBits& bits) {
     std::uint64_t word = 0;
     for (Eigen::Index row = 0; row < bits.rows(); ++row)
-      for (Eigen::Index column = 0; column < bits.cols(); ++column) word = word << 1 | (bits(row, column) != 0 ? 1u : 0u);
+      for (Eigen::Index column = 0; column < bits.cols(); ++column)
+        word = word << 1 | (bits(row, column) != 0 ? 1u : 0u);
     return word;
   }
 
@@ -114,8 +115,7 @@ class CodeBook {
     const auto side = static_cast<float>(cells_);
     const cv::Point2f square[4] = {{0, 0}, {side, 0}, {side, side}, {0, side}};
     cv::Point2f corners[4];
-    for (std::size_t i = 0; i < 4; ++i)
-      corners[i] = {static_cast<float>(quad[i].x()), static_cast<float>(quad[i].y())};
+    for (std::size_t i = 0; i < 4; ++i) corners[i] = {static_cast<float>(quad[i].x()), static_cast<float>(quad[i].y())};
     const cv::Matx33d H = cv::getPerspectiveTransform(square, corners);
     const auto brightness = [&](double u, double v) {
       const cv::Vec3d p = H * cv::Vec3d(u, v, 1);

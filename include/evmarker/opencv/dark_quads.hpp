@@ -158,9 +158,9 @@ inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::v
 
 }  // namespace detail
 
-/// The quadrilaterals that the dark areas (not 0) of a mask have as their outlines, all of them that the straight pieces
-/// of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of one
-/// side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
+/// The quadrilaterals that the dark areas (not 0) of a mask have as their outlines, all of them that the straight
+/// pieces of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of
+/// one side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
 /// @param min_side_px of the shortest side
 inline std::vector<DarkQuad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
   std::vector<std::vector<cv::Point>> contours;
