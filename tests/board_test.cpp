@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
 #include <numbers>
 #include <string>
@@ -285,6 +286,83 @@ TEST_CASE("detections of a board's markers become one of the board, others pass"
 
   // A pose from which no tracker could start.
   CHECK(boards_in({detection(1, facing_pose({0, 0, 0.01}, {1.2, 0, 0}))}).empty());
+}
+
+TEST_CASE(
+    "a board that is seen otherwise than its file says is refused with a word about it, and one that fits is not") {
+  const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2});
+  const PolarityFrame frame({640, 480});
+  std::vector<MarkerDetection> seen;
+  for (const BoardMarker& m : plate().markers) seen.push_back(detection(m.id, truth * m.T_board_marker));
+  std::vector<BoardContradiction> told;
+  const auto detector_of = [&](const Board& file) {
+    told.clear();
+    return BoardDetector(simulated::camera, ToldDetector{0.04, seen}, {file},
+                         [&](const BoardContradiction& contradiction) { told.push_back(contradiction); });
+  };
+  Board turned = plate(), stretched = plate(), renumbered = plate();
+  for (BoardMarker& m : turned.markers) m.T_board_marker.translation() *= -1;
+  for (BoardMarker& m : stretched.markers) m.T_board_marker.translation() *= 1.2;
+  std::swap(renumbered.markers[0].id, renumbered.markers[1].id);
+  for (const Board& wrong : {turned, stretched, renumbered}) {
+    auto detector = detector_of(wrong);
+    for (int look = 0; look < 10; ++look) CHECK(detector.detect(frame).empty());
+    REQUIRE(told.size() == 1);
+    CHECK(told[0].board == kBoard);
+    CHECK((told[0].seen - told[0].in_file).norm() > 0.01);
+    const auto place = [&](const Board& board, MarkerId id) {
+      return Vector3d(std::ranges::find(board.markers, id, &BoardMarker::id)->T_board_marker.translation());
+    };
+    CHECK((told[0].seen - (place(plate(), told[0].other) - place(plate(), told[0].marker))).norm() < 1e-9);
+    CHECK((told[0].in_file - (place(wrong, told[0].other) - place(wrong, told[0].marker))).norm() < 1e-9);
+    CHECK(told[0].message().find("board 100 does not fit its file: marker ") == 0);
+  }
+  auto detector = detector_of(plate());
+  for (int look = 0; look < 10; ++look) CHECK(detector.detect(frame).size() == 1);
+  CHECK(told.empty());
+}
+
+TEST_CASE("one marker cannot contradict its board, but is not enough once others have") {
+  Board turned = plate();
+  for (BoardMarker& m : turned.markers) m.T_board_marker.translation() *= -1;
+  // Sees one marker, then three times two, then one.
+  struct {
+    int* look;
+    std::vector<MarkerDetection> detect(const PolarityFrame&) const {
+      const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2});
+      std::vector<MarkerDetection> seen;
+      for (const BoardMarker& m : plate().markers) seen.push_back(detection(m.id, truth * m.T_board_marker));
+      seen.resize(*look > 0 && *look < 4 ? 2 : 1);
+      return seen;
+    }
+    MarkerModel model(MarkerId id) const { return make_code_marker(0.04, opencv::marker_bits(kDictionary, id)); }
+  } one_then_two;
+  int look = 0, told = 0;
+  one_then_two.look = &look;
+  BoardDetector detector(simulated::camera, one_then_two, {turned}, [&](const BoardContradiction&) { ++told; });
+  const PolarityFrame frame({640, 480});
+  CHECK(detector.detect(frame).size() == 1);
+  for (look = 1; look < 6; ++look) CHECK(detector.detect(frame).empty());
+  CHECK(told == 1);
+}
+
+TEST_CASE("looks that contradict now and then do not refuse a board, three more than agree do, and it may come back") {
+  BoardCheck check;
+  for (int i = 0; i < 60; ++i) {
+    check.add(i % 3 == 0);
+    CHECK_FALSE(check.refused());
+    CHECK(check.doubtful() == (i % 3 == 0));
+  }
+  BoardCheck wrong;
+  for (int i = 0; i < 3; ++i) {
+    CHECK_FALSE(wrong.refused());
+    wrong.add(true);
+  }
+  CHECK(wrong.refused());
+  wrong.add(false);
+  CHECK(wrong.refused());
+  for (int i = 0; i < 5; ++i) wrong.add(false);
+  CHECK_FALSE(wrong.refused());
 }
 
 TEST_CASE("a board detector knows boards and markers by their ids, and refuses boards that share one") {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "evmarker/board.hpp"
+#include "evmarker/board_check.hpp"
 #include "evmarker/camera.hpp"
 #include "evmarker/detection.hpp"
 #include "evmarker/segment_matcher.hpp"
@@ -23,20 +24,24 @@ namespace evmarker {
 
 /// A `MarkerDetector` that makes one detection of a board from the markers of it that another detector finds, and
 /// passes on the markers that are on no board. Any marker of a board will do; of several the pose is fitted to the
-/// corners of all, which also tells the two poses of a planar marker apart.
+/// corners of all, which also tells the two poses of a planar marker apart. A board whose markers are seen at other
+/// places than its file says is not found, see `BoardCheck`. One marker alone cannot contradict the file: it will do
+/// until others are seen, but not after they have contradicted.
 template <MarkerDetector Detector>
 class BoardDetector {
  public:
   /// @param detector must find the boards' markers; at which length [m] it takes them for does not matter
+  /// @param report is called within `detect`, each time that a board begins to be refused
   /// @throws std::invalid_argument naming the fault of a board, or an id or marker that two boards share
   template <CameraModel Camera>
-  BoardDetector(const Camera& camera, Detector detector, std::vector<Board> boards)
-      : detector_(std::move(detector)), focal_length_(camera.focal_length()) {
+  BoardDetector(const Camera& camera, Detector detector, std::vector<Board> boards,
+                std::function<void(const BoardContradiction&)> report = {})
+      : detector_(std::move(detector)), focal_length_(camera.focal_length()), report_(std::move(report)) {
     project_ = [camera](const Eigen::Vector3d& point) -> Eigen::Vector2d { return camera.project(point); };
     for (Board& board : boards) {
       for (const Target& other : targets_) require_apart(board, other.board);
       MarkerModel model = make_board_model(board);
-      targets_.push_back({std::move(board), std::move(model)});
+      targets_.push_back({std::move(board), std::move(model), {}});
     }
   }
 
@@ -49,9 +54,12 @@ class BoardDetector {
         sightings[sighting->target].push_back(*sighting);
       else
         found.push_back(detection);
-    for (std::size_t i = 0; i < targets_.size(); ++i)
-      if (!sightings[i].empty())
-        if (auto detection = locate(targets_[i], sightings[i])) found.push_back(*std::move(detection));
+    for (std::size_t i = 0; i < targets_.size(); ++i) {
+      if (sightings[i].empty()) continue;
+      auto detection = locate(targets_[i], sightings[i]);
+      if (detection && believable(targets_[i], sightings[i], detection->T_camera_marker))
+        found.push_back(*std::move(detection));
+    }
     return found;
   }
 
@@ -66,10 +74,12 @@ class BoardDetector {
   struct Target {
     Board board;
     MarkerModel model;
+    BoardCheck check;
   };
   // A marker of a board, seen.
   struct Sighting {
     std::size_t target;
+    const BoardMarker* marker;
     Timestamp t;
     std::vector<Eigen::Isometry3d> T_camera_board;  // by this marker alone: the likelier pose, and the other
     std::array<Eigen::Vector3d, 4> corners;         // board frame [m]
@@ -107,7 +117,7 @@ class BoardDetector {
       T.translation() *= marker.length / assumed;
       return T;
     };
-    Sighting s{target, detection.t, {}, {}, {}};
+    Sighting s{target, &marker, detection.t, {}, {}, {}};
     const Eigen::Isometry3d T_marker_board = marker.T_board_marker.inverse();
     s.T_camera_board.push_back(T_camera_marker(detection.T_camera_marker) * T_marker_board);
     if (detection.T_camera_marker_alternative)
@@ -180,6 +190,52 @@ class BoardDetector {
       }
   }
 
+  // Whether the markers that were seen are where a pose of the board puts them; remembered for the looks to come.
+  bool believable(Target& target, const std::vector<Sighting>& sightings, const Eigen::Isometry3d& T) const {
+    if (sightings.size() < 2) return !target.check.refused() && !target.check.doubtful();
+    const bool refused = target.check.refused();
+    target.check.add(contradict(sightings, T));
+    if (target.check.refused() && !refused && report_) report_(worst_pair(target.board, sightings));
+    return !target.check.refused() && !target.check.doubtful();
+  }
+
+  // Half of the markers are off by more than the detector and a calibration with errors may be, or one of them is
+  // somewhere else altogether.
+  bool contradict(const std::vector<Sighting>& sightings, const Eigen::Isometry3d& T) const {
+    constexpr double kDetector_px = 2, kCalibration = 0.005, kElsewhere = 0.25;  // of the board's, of the marker's size
+    std::vector<double> off_px;
+    Eigen::AlignedBox2d box;
+    bool elsewhere = false;
+    for (const Sighting& sighting : sightings) {
+      double squares = 0;
+      for (std::size_t i = 0; i < 4; ++i) {
+        squares += (focal_length_ * (sighting.seen[i] - (T * sighting.corners[i]).hnormalized())).squaredNorm();
+        box.extend(focal_length_ * sighting.seen[i]);
+      }
+      off_px.push_back(std::sqrt(squares / 4));
+      elsewhere |= off_px.back() > kElsewhere * focal_length_ * (sighting.seen[0] - sighting.seen[2]).norm();
+    }
+    const auto middle = off_px.begin() + static_cast<std::ptrdiff_t>(off_px.size() / 2);
+    std::ranges::nth_element(off_px, middle);
+    return elsewhere || *middle > std::hypot(kDetector_px, kCalibration * box.diagonal().norm());
+  }
+
+  // The two markers that differ most from the file, by their own poses.
+  static BoardContradiction worst_pair(const Board& board, const std::vector<Sighting>& sightings) {
+    BoardContradiction worst{.board = board.id};
+    for (const Sighting& a : sightings)
+      for (const Sighting& b : sightings) {
+        if (&a == &b) continue;
+        const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
+        const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
+        const BoardContradiction pair{board.id, a.marker->id, b.marker->id,
+                                      T_camera_a.inverse() * T_camera_b.translation(),
+                                      a.marker->T_board_marker.inverse() * b.marker->T_board_marker.translation()};
+        if ((pair.seen - pair.in_file).norm() > (worst.seen - worst.in_file).norm()) worst = pair;
+      }
+    return worst;
+  }
+
   // Corners of the upright rectangle in the image that holds all of the board.
   std::array<Eigen::Vector2d, 4> box_around(const MarkerModel& model, const Eigen::Isometry3d& T) const {
     Eigen::Vector2d low = project_(T * model.vertices.front()), high = low;
@@ -195,6 +251,7 @@ class BoardDetector {
   double focal_length_;
   std::function<Eigen::Vector2d(const Eigen::Vector3d&)> project_;
   std::vector<Target> targets_;
+  std::function<void(const BoardContradiction&)> report_;
 };
 
 }  // namespace evmarker

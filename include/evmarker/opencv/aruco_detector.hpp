@@ -5,7 +5,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <numbers>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -19,6 +21,8 @@
 #include "evmarker/detection.hpp"
 #include "evmarker/marker_model.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
+#include "evmarker/opencv/code_book.hpp"
+#include "evmarker/opencv/dark_quads.hpp"
 #include "evmarker/opencv/frame_fit.hpp"
 #include "evmarker/opencv/guessed_image.hpp"
 #include "evmarker/polarity_frame.hpp"
@@ -57,18 +61,8 @@ class ArucoDetector {
     require(is_share(settings_.min_edge_support), "min_edge_support", settings_.min_edge_support);
     require(settings_.max_alternative_ratio >= 0, "max_alternative_ratio", settings_.max_alternative_ratio);
 
-    const SensorSize size = camera_.sensor_size();
-    parameters_.adaptiveThreshWinSizeMin = 11;  // two windows: one for small markers, one that noise does not fill
-    parameters_.adaptiveThreshWinSizeMax = 61;
-    parameters_.adaptiveThreshWinSizeStep = 50;
-    parameters_.minMarkerPerimeterRate = 4 * settings_.min_side_px / std::max(size.width, size.height);
-    parameters_.polygonalApproxAccuracyRate = 0.04;
-    parameters_.minDistanceToBorder = 1;
-    parameters_.perspectiveRemovePixelPerCell = 6;
-    parameters_.perspectiveRemoveIgnoredMarginPerCell = 0.2;  // the rims of cells are ragged
-    parameters_.maxErroneousBitsInBorderRate = 0.2;
-    parameters_.errorCorrectionRate = 0;
-    parameters_.cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;  // own window size, see refine_corners()
+    for (MarkerId id = 0; id < dictionary_size(dictionary_); ++id)
+      if (wanted(id)) codes_.add(id, bits(id));
   }
 
   /// The markers in a frame of the camera's size, each id at most once.
@@ -77,20 +71,20 @@ class ArucoDetector {
     require_size(frame.sensor_size());
     image_ = guess_image(frame);
     t_ = frame.t();
-    std::vector<std::vector<cv::Point2f>> candidates;
-    std::vector<int> ids;
-    detail::detect_markers(image_, dictionary_, parameters_, candidates, ids);
+    std::map<MarkerId, std::vector<CodeBook::Reading>> readings;  // one outline may allow several quadrilaterals
+    const auto read_quads = [&](const cv::Mat& dark) {
+      for (const DarkQuad& quad : find_dark_quads(dark, settings_.min_side_px))
+        if (const auto reading = codes_.read(image_, quad)) readings[reading->id].push_back(*reading);
+    };
+    const cv::Mat dark = image_ == PolarityFrame::kOff;
+    cv::Mat without_whiskers;
+    cv::morphologyEx(dark, without_whiskers, cv::MORPH_OPEN, cv::Mat());
+    read_quads(dark);
+    read_quads(without_whiskers);
 
-    std::map<MarkerId, Candidate> best;  // ArUco may find the same marker's inner and outer contour
-    for (std::size_t i = 0; i < ids.size(); ++i) {
-      if (!wanted(ids[i])) continue;
-      const auto candidate = locate(ids[i], std::move(candidates[i]));
-      if (!candidate) continue;
-      const auto known = best.find(ids[i]);
-      if (known == best.end() || candidate->cost_px < known->second.cost_px) best.insert_or_assign(ids[i], *candidate);
-    }
     std::vector<MarkerDetection> detections;
-    for (const auto& [id, candidate] : best) detections.push_back(candidate.detection);
+    for (auto& [id, of_marker] : readings)
+      if (const auto candidate = best_of(id, of_marker)) detections.push_back(candidate->detection);
     return detections;
   }
 
@@ -123,6 +117,33 @@ class ArucoDetector {
     double cost_px;
   };
 
+  // Of the clearest readings of a marker, the one that fits best.
+  std::optional<Candidate> best_of(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
+    constexpr int kTried = 3;
+    constexpr double kGood_px = 0.75;  // nearly all edges are where they should be: no other reading is needed
+    std::ranges::stable_sort(readings, std::greater<>(), &CodeBook::Reading::clarity);
+    std::optional<Candidate> best;
+    int tried = 0;
+    for (auto reading = readings.begin(); reading != readings.end() && tried < kTried; ++reading) {
+      const auto same = [&](const CodeBook::Reading& other) {
+        return lead_to_one_pose(reading->corners, other.corners);
+      };
+      if (std::any_of(readings.begin(), reading, same)) continue;
+      ++tried;
+      const auto candidate = locate(id, reading->corners);
+      if (candidate && (!best || candidate->cost_px < best->cost_px)) best = candidate;
+      if (best && best->cost_px < kGood_px) break;
+    }
+    return best;
+  }
+
+  static bool lead_to_one_pose(const Quad& a, const Quad& b) {
+    constexpr double kSame_px = 2;
+    double farthest = 0;
+    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, (a[i] - b[i]).norm());
+    return farthest < kSame_px;
+  }
+
   void require_size(SensorSize size) const {
     const SensorSize expected = camera_.sensor_size();
     if (size == expected) return;
@@ -134,8 +155,7 @@ class ArucoDetector {
     return settings_.ids.empty() || std::ranges::find(settings_.ids, id) != settings_.ids.end();
   }
 
-  std::optional<Candidate> locate(MarkerId id, std::vector<cv::Point2f> corners) const {
-    refine_corners(corners);
+  std::optional<Candidate> locate(MarkerId id, const Quad& corners) const {
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
@@ -143,14 +163,15 @@ class ArucoDetector {
     };
     std::ranges::for_each(solve_pnp(corners), fit_from);
     if (fits.empty()) return std::nullopt;
-    fit_from(mirrored(fits[0].T_camera_marker));  // both starts may have led to one pose
+    constexpr double kSamePose = 0.1;  // [rad]
+    const auto differs = [&](const FrameFit& fit) {
+      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
+    };
+    if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));  // the starts led to one pose
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
 
     MarkerDetection detection = describe(id, fits[0].T_camera_marker);
-    constexpr double kSamePose = 0.1;  // [rad]
-    const auto other = std::ranges::find_if(fits, [&](const FrameFit& fit) {
-      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
-    });
+    const auto other = std::ranges::find_if(fits, differs);
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
     return Candidate{detection, fits[0].cost_px};
@@ -175,35 +196,29 @@ class ArucoDetector {
     return detection;
   }
 
-  void refine_corners(std::vector<cv::Point2f>& corners) const {
-    // The window must not reach the next corner of a cell: half a cell of the shortest side.
-    double side = cv::norm(corners[3] - corners[0]);
-    for (std::size_t i = 0; i < 3; ++i) side = std::min(side, cv::norm(corners[i + 1] - corners[i]));
-    const int half = std::clamp(static_cast<int>(side / (2 * (dictionary_.markerSize + 2))), 1, 5);
-    cv::cornerSubPix(image_, corners, {half, half}, {-1, -1},
-                     {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 20, 0.02});
-  }
-
-  // Both poses that a square allows (they mirror its tilt), each at the minimum of its reprojection error.
-  std::vector<Eigen::Isometry3d> solve_pnp(const std::vector<cv::Point2f>& corners) const {
+  // Both poses that a square allows: they mirror its tilt. Solved for a square whose y and z point as the camera's do
+  // and whose top left is the topmost left corner: OpenCV's rotation vectors are wrong near half a turn.
+  std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
-    const std::vector<cv::Point3d> points{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}};
+    const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
+    const auto upper_left = std::ranges::min_element(corners, {}, [](const Eigen::Vector2d& p) { return p.sum(); });
+    const std::ptrdiff_t turns = upper_left - corners.begin();
     std::vector<cv::Point2d> undistorted;
-    for (const cv::Point2f& corner : corners) {
-      const Eigen::Vector3d M = camera_.line_of_sight({corner.x, corner.y});
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Eigen::Vector3d M = camera_.line_of_sight(corners[(i + static_cast<std::size_t>(turns)) % 4]);
       if (!M.allFinite()) return {};
       undistorted.emplace_back(M.x(), M.y());
     }
-    const cv::Matx33d identity = cv::Matx33d::eye();
+    const Eigen::Matrix3d R_square_marker =
+        so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)}) * Eigen::Vector3d(1, -1, -1).asDiagonal();
     std::vector<cv::Mat> rotations, translations;
-    cv::solvePnPGeneric(points, undistorted, identity, cv::noArray(), rotations, translations, false,
-                        cv::SOLVEPNP_IPPE_SQUARE);
+    cv::solvePnPGeneric(points, undistorted, cv::Matx33d::eye(), cv::noArray(), rotations, translations, false,
+                        cv::SOLVEPNP_IPPE);
     std::vector<Eigen::Isometry3d> poses;
     for (std::size_t i = 0; i < rotations.size(); ++i) {
-      cv::solvePnPRefineLM(points, undistorted, identity, cv::noArray(), rotations[i], translations[i]);
       const cv::Vec3d r = rotations[i], t = translations[i];
       Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-      T.linear() = so3_exp({r[0], r[1], r[2]});
+      T.linear() = so3_exp({r[0], r[1], r[2]}) * R_square_marker;
       T.translation() << t[0], t[1], t[2];
       if (T.matrix().allFinite() && t[2] > 0) poses.push_back(T);
     }
@@ -230,7 +245,7 @@ class ArucoDetector {
   Camera camera_;
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
-  cv::aruco::DetectorParameters parameters_;
+  CodeBook codes_;
   cv::Mat image_;  // of the last look
   Timestamp t_ = 0;
 };

@@ -134,6 +134,9 @@ class EdgeResiduals {
     return scale.cwiseProduct(damped.ldlt().solve(scale.cwiseProduct(b)));
   }
 
+  // How far a step moves the edges, root mean square.
+  double moved_px(const Vector7d& step) const { return std::sqrt(step.dot(H_ * step) / found_); }
+
  private:
   static constexpr double kMissingPx = 2;
 
@@ -169,8 +172,9 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
 /// front of the camera or the lens model has no image of it
 template <CameraModel Camera>
 std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame, const MarkerModel& model,
-                                     const Eigen::Isometry3d& T_camera_marker, double reach_px, int iterations = 5) {
+                                     const Eigen::Isometry3d& T_camera_marker, double reach_px, int iterations = 8) {
   constexpr int kFewestSteps = 12;
+  constexpr double kConverged_px = 0.02;
   FrameFit fit{.T_camera_marker = T_camera_marker};
   for (int iteration = 0;; ++iteration) {
     const auto residuals = detail::compare(camera, frame, model, fit, reach_px);
@@ -181,6 +185,7 @@ std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame,
 
     const detail::Vector7d dx = residuals->step(fit.offset_px);
     if (!dx.allFinite()) return std::nullopt;
+    if (residuals->moved_px(dx) < kConverged_px) return fit;
     fit.T_camera_marker.translation() += dx.head<3>();
     fit.T_camera_marker.linear() = orthonormalized(so3_exp(dx.segment<3>(3)) * fit.T_camera_marker.linear());
     fit.offset_px += dx(6);

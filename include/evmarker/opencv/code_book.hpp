@@ -1,0 +1,154 @@
+#pragma once
+// opencv. Which marker a quadrilateral in an image is, by its cells.
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "evmarker/marker_model.hpp"
+#include "evmarker/opencv/dark_quads.hpp"
+#include "evmarker/pose.hpp"
+
+namespace evmarker::opencv {
+
+/// The codes that may be seen. Bits may be missing or wrong as long as a quadrilateral with random cells would hardly
+/// be taken for a marker.
+class CodeBook {
+ public:
+  struct Reading {
+    MarkerId id = 0;
+    Quad corners;        ///< from the marker's top left clockwise
+    double clarity = 0;  ///< 1 if its outline is all seen and every part of the cells looks right, less otherwise
+  };
+
+  void add(MarkerId id, const CodeBits& code) {
+    cells_ = static_cast<int>(code.rows()) + 2;
+    CodeBits seen = code;
+    for (std::size_t turn = 0; turn < 4; ++turn) {
+      entries_.push_back({word_of(seen), id, turn});
+      const CodeBits turned = seen.transpose().rowwise().reverse();
+      seen = turned;
+    }
+    allowed_.clear();
+    for (int bits = 0; bits <= inside() * inside(); ++bits) allowed_.push_back(allowed_errors(bits));
+  }
+
+  /// Reads the cells of a quadrilateral, in an image of 0 dark, 255 bright, 128 unknown.
+  std::optional<Reading> read(const cv::Mat& image, const DarkQuad& quad) const {
+    const Cells cells = look_at(image, quad.corners);
+    if (cells.border < kLeastBorder) return std::nullopt;
+    const int known = std::popcount(cells.known);
+    // A short code says little, so all of it must be right, and the outline must speak for the marker, too.
+    const bool clear = known == inside() * inside() && quad.seen >= kOutlineSeen;
+    const int allowed = std::max(allowed_[static_cast<std::size_t>(known)], clear ? 0 : -1);
+    int best = allowed + 1;
+    const Entry* found = nullptr;
+    bool unique = true;
+    for (const Entry& entry : entries_) {
+      const int errors = std::popcount((entry.code ^ cells.white) & cells.known);
+      if (errors > best) continue;
+      unique = errors < best;
+      if (unique) best = errors, found = &entry;
+    }
+    if (found == nullptr || !unique || best > allowed) return std::nullopt;
+    Quad corners = quad.corners;
+    std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(found->turn));
+    return Reading{found->id, corners, quad.seen * clarity(cells, found->code)};
+  }
+
+ private:
+  struct Entry {
+    std::uint64_t code;
+    MarkerId id;
+    std::size_t turn;  // which corner of the quadrilateral is the marker's top left
+  };
+  struct Cells {
+    std::uint64_t white = 0, known = 0;
+    double border = 0;         // share of its cells that are dark
+    int border_sum = 0;        // brightness of all samples of the border
+    std::array<int, 64> sums;  // the same of each cell inside, from the last one on
+  };
+  static constexpr double kLeastBorder = 0.75;
+  static constexpr double kOutlineSeen = 0.8;
+  static constexpr double kFalseAlarms = 1e-4;  // of quadrilaterals with random cells
+  static constexpr int kSide = 3;               // samples of a cell, to each side
+
+  int inside() const { return cells_ - 2; }
+
+  static std::uint64_t word_of(const CodeBits& bits) {
+    std::uint64_t word = 0;
+    for (Eigen::Index row = 0; row < bits.rows(); ++row)
+      for (Eigen::Index column = 0; column < bits.cols(); ++column)
+        word = word << 1 | (bits(row, column) != 0 ? 1u : 0u);
+    return word;
+  }
+
+  // How many of so many random bits may differ from a code; -1: so few bits tell nothing.
+  int allowed_errors(int bits) const {
+    const double codes = static_cast<double>(entries_.size());
+    double ways = 1, sum = 0;
+    int errors = -1;
+    for (; errors < bits; ++errors) {
+      sum += ways;
+      if (codes * sum * std::exp2(-bits) > kFalseAlarms) break;
+      ways *= static_cast<double>(bits - errors - 1) / (errors + 2);
+    }
+    return errors;
+  }
+
+  double clarity(const Cells& cells, std::uint64_t code) const {
+    int sum = -cells.border_sum;
+    for (int i = 0; i < inside() * inside(); ++i)
+      sum += (code >> i & 1) != 0 ? cells.sums[static_cast<std::size_t>(i)] : -cells.sums[static_cast<std::size_t>(i)];
+    return sum / static_cast<double>(cells_ * cells_ * kSide * kSide);
+  }
+
+  Cells look_at(const cv::Mat& image, const Quad& quad) const {
+    const auto side = static_cast<float>(cells_);
+    const cv::Point2f square[4] = {{0, 0}, {side, 0}, {side, side}, {0, side}};
+    cv::Point2f corners[4];
+    for (std::size_t i = 0; i < 4; ++i) corners[i] = {static_cast<float>(quad[i].x()), static_cast<float>(quad[i].y())};
+    const cv::Matx33d H = cv::getPerspectiveTransform(square, corners);
+    const auto brightness = [&](double u, double v) {
+      const cv::Vec3d p = H * cv::Vec3d(u, v, 1);
+      const int x = cvRound(p[0] / p[2]), y = cvRound(p[1] / p[2]);
+      if (x < 0 || y < 0 || x >= image.cols || y >= image.rows) return 0;
+      const int seen = image.at<uchar>(y, x);
+      return (seen > 128) - (seen < 128);
+    };
+    constexpr int kKnown = 2;  // so many more samples of a cell look like its value than like the other
+    Cells cells;
+    int dark_border = 0, inner = inside() * inside();
+    for (int row = 0; row < cells_; ++row)
+      for (int column = 0; column < cells_; ++column) {
+        int sum = 0;
+        for (int i = 0; i < kSide; ++i)
+          for (int j = 0; j < kSide; ++j)
+            sum += brightness(column + 0.25 + 0.5 * j / (kSide - 1), row + 0.25 + 0.5 * i / (kSide - 1));
+        if (row == 0 || column == 0 || row == cells_ - 1 || column == cells_ - 1) {
+          dark_border += sum < 0;
+          cells.border_sum += sum;
+        } else {
+          cells.sums[static_cast<std::size_t>(--inner)] = sum;
+          cells.white = cells.white << 1 | (sum > 0 ? 1u : 0u);
+          cells.known = cells.known << 1 | (std::abs(sum) >= kKnown ? 1u : 0u);
+        }
+      }
+    cells.border = dark_border / (4.0 * (cells_ - 1));
+    return cells;
+  }
+
+  std::vector<Entry> entries_;
+  std::vector<int> allowed_;  // errors, by number of known bits
+  int cells_ = 2;             // along a side, border included
+};
+
+}  // namespace evmarker::opencv

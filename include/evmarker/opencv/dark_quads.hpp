@@ -1,0 +1,181 @@
+#pragma once
+// opencv. Dark quadrilaterals in an image whose outlines are ragged, interrupted and have whiskers.
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <optional>
+#include <vector>
+
+namespace evmarker::opencv {
+
+/// The corners of a convex quadrilateral in the image [px], clockwise as one sees it.
+using Quad = std::array<Eigen::Vector2d, 4>;
+
+/// A dark quadrilateral that was found.
+struct DarkQuad {
+  Quad corners;
+  double seen = 0;  ///< share of its outline along which there are straight edges
+};
+
+namespace detail {
+
+// A straight piece of a contour, with the dark area on its right as one sees it.
+struct Side {
+  Eigen::Vector2d from, to;  // [px]
+  Eigen::Vector2d along;     // unit vector
+
+  double length() const { return (to - from).dot(along); }
+  double distance(const Eigen::Vector2d& p) const { return cross(p - from); }
+  double cross(const Eigen::Vector2d& v) const { return along.x() * v.y() - along.y() * v.x(); }
+};
+
+// The line through the points of a contour from one to another, both included, that fits best; moved outwards from the
+// centres of the outermost dark pixels to their rims.
+inline Side fit_side(const std::vector<cv::Point>& contour, std::size_t first, std::size_t last) {
+  const std::size_t size = contour.size(), count = (last + size - first) % size + 1;
+  const std::size_t skip = std::min<std::size_t>(count / 6, 3);  // corners are rounded
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
+  double points = 0;
+  for (std::size_t i = skip; i + skip < count; ++i, ++points) {
+    const cv::Point& pixel = contour[(first + i) % size];
+    const Eigen::Vector2d p(pixel.x, pixel.y);
+    sum += p;
+    squares += p * p.transpose();
+  }
+  const Eigen::Vector2d mean = sum / points;
+  const Eigen::Matrix2d spread = squares - points * mean * mean.transpose();
+  const double angle = 0.5 * std::atan2(2 * spread(0, 1), spread(0, 0) - spread(1, 1));
+  Eigen::Vector2d along(std::cos(angle), std::sin(angle));
+  const Eigen::Vector2d a(contour[first].x, contour[first].y), b(contour[last].x, contour[last].y);
+  if (along.dot(b - a) < 0) along = -along;
+  constexpr double kRim = 0.5;  // [px]
+  const Eigen::Vector2d foot = mean + kRim * Eigen::Vector2d(along.y(), -along.x());
+  return {foot + along * along.dot(a - foot), foot + along * along.dot(b - foot), along};
+}
+
+// The longest straight pieces of a contour, in the order in which one walks around it.
+inline std::vector<Side> sides_of(std::vector<cv::Point>& contour, double min_length_px) {
+  constexpr std::size_t kMost = 14;
+  constexpr double kRagged_px = 1.6, kBent = 0.015;  // how far a straight piece may be from straight
+  if (cv::contourArea(contour, true) < 0) std::ranges::reverse(contour);  // clockwise: the dark area on the right
+  const cv::Rect box = cv::boundingRect(contour);
+  std::vector<cv::Point> polygon;
+  cv::approxPolyDP(contour, polygon, std::max(kRagged_px, kBent * std::max(box.width, box.height)), true);
+  if (polygon.size() < 4) return {};
+
+  std::vector<Side> sides;
+  std::size_t at = static_cast<std::size_t>(std::ranges::find(contour, polygon[0]) - contour.begin());
+  for (std::size_t i = 0; i < polygon.size(); ++i) {
+    const cv::Point& end = polygon[(i + 1) % polygon.size()];
+    const std::size_t begin = at;
+    do at = (at + 1) % contour.size();
+    while (contour[at] != end && at != begin);
+    if (cv::norm(end - polygon[i]) >= min_length_px) sides.push_back(fit_side(contour, begin, at));
+  }
+  if (sides.size() > kMost) {
+    std::vector<double> lengths;
+    for (const Side& side : sides) lengths.push_back(side.length());
+    std::ranges::nth_element(lengths, lengths.begin() + kMost, std::greater<>());
+    std::erase_if(sides, [least = lengths[kMost]](const Side& side) { return side.length() <= least; });
+  }
+  return sides;
+}
+
+inline Eigen::Vector2d intersection(const Side& a, const Side& b) {
+  return a.from + a.along * (b.cross(a.from - b.from) / -b.cross(a.along));
+}
+
+// Share of the way between two corners along which straight pieces of the contour lie.
+inline double covered(const std::vector<Side>& sides, const Eigen::Vector2d& from, const Eigen::Vector2d& to) {
+  constexpr double kBeside_px = 2;
+  const double length = (to - from).norm();
+  const Side way{from, to, (to - from) / length};
+  double sum = 0;
+  for (const Side& side : sides) {
+    if (side.along.dot(way.along) < 0.9) continue;
+    if (std::abs(way.distance(side.from)) > kBeside_px || std::abs(way.distance(side.to)) > kBeside_px) continue;
+    const double begin = std::max(0.0, way.along.dot(side.from - from));
+    const double end = std::min(length, way.along.dot(side.to - from));
+    sum += std::max(0.0, end - begin);
+  }
+  return sum / length;
+}
+
+// The quadrilateral of four sides, if they bound one.
+inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::array<Side, 4>& sides,
+                                       double min_side_px, bool last_unseen) {
+  constexpr double kLeastOfSide = 0.3, kLeast = 0.6;  // of the outline that must be straight pieces of the contour
+  Quad quad;
+  for (std::size_t i = 0; i < 4; ++i) {
+    quad[i] = intersection(sides[(i + 3) % 4], sides[i]);
+    if (!quad[i].allFinite()) return std::nullopt;
+  }
+  double outline = 0, seen = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector2d& from = quad[i];
+    const Eigen::Vector2d& to = quad[(i + 1) % 4];
+    const double length = sides[i].along.dot(to - from);  // less than 0: the lines cross on the wrong side
+    if (length < min_side_px) return std::nullopt;
+    const double share = covered(all, from, to);
+    if (share < kLeastOfSide && !(last_unseen && i == 3)) return std::nullopt;
+    outline += length;
+    seen += share * length;
+  }
+  if (seen < kLeast * outline) return std::nullopt;
+  return DarkQuad{quad, seen / outline};
+}
+
+// All quadrilaterals that four of the sides bound, in their order, or three, and the ends of the first and the last.
+inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<DarkQuad>& quads) {
+  const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
+  const auto opposite = [](const Side& a, const Side& b) { return a.along.dot(b.along) < -0.5; };
+  const std::size_t count = sides.size();
+  for (std::size_t first = 0; first < count; ++first) {
+    const auto side = [&](std::size_t after) -> const Side& { return sides[(first + after) % count]; };
+    const Side& a = sides[first];
+    for (std::size_t i = 1; i < count; ++i) {
+      const Side& b = side(i);
+      if (!turns(a, b)) continue;
+      for (std::size_t j = i + 1; j < count; ++j) {
+        const Side& c = side(j);
+        if (!turns(b, c) || !opposite(a, c)) continue;
+        const auto close = [&](const Side& d, bool unseen) {
+          if (!turns(c, d) || !turns(d, a) || !opposite(b, d)) return;
+          if (const auto quad = quad_of(sides, {a, b, c, d}, min_side_px, unseen)) quads.push_back(*quad);
+        };
+        for (std::size_t k = j + 1; first + k < count; ++k) close(side(k), false);  // begun with the first of the four
+        const Eigen::Vector2d way = a.from - c.to;
+        if (way.norm() > min_side_px) close({c.to, a.from, way.normalized()}, true);
+      }
+    }
+  }
+}
+
+}  // namespace detail
+
+/// The quadrilaterals that the dark areas (not 0) of a mask have as their outlines, all of them that the straight
+/// pieces of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of
+/// one side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
+/// @param min_side_px of the shortest side
+inline std::vector<DarkQuad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
+  std::vector<std::vector<cv::Point>> contours;
+  std::vector<cv::Vec4i> hierarchy;
+  cv::findContours(dark, contours, hierarchy, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
+  std::vector<DarkQuad> quads;
+  for (std::size_t c = 0; c < contours.size(); ++c) {
+    constexpr double kForeshortened = 0.7;  // a diamond's box is larger than its sides
+    constexpr double kShortest = 0.3;       // of a side
+    if (hierarchy[c][3] >= 0) continue;     // the rim of a hole
+    const cv::Rect box = cv::boundingRect(contours[c]);
+    if (std::min(box.width, box.height) < kForeshortened * min_side_px) continue;
+    detail::add_quads(detail::sides_of(contours[c], kShortest * min_side_px), min_side_px, quads);
+  }
+  return quads;
+}
+
+}  // namespace evmarker::opencv
