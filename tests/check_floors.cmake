@@ -44,5 +44,5 @@ expect("does not say '// Floor N." other.hpp "#pragma once\n\n// Floor 1. A line
 expect("does not say '// Floor N." other.hpp "#pragma once\n// io. In the wrong folder.\n")
 expect("does not say '// io." io/other.hpp "${floor_1}")
 expect("unknown folder 'gui'" gui/other.hpp "#pragma once\n// gui. Other.\n")
-string(REPEAT "//\n" 299 long)
-expect("301 lines, more than 300" other.hpp "${floor_1}${long}")
+string(REPEAT "//\n" 399 long)
+expect("401 lines, more than 400" other.hpp "${floor_1}${long}")

@@ -26,7 +26,7 @@ namespace evmarker {
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct WireframeTrackerSettings {
   std::chrono::microseconds filter_window = TrackerSettings<Rule>{}.filter_window;  ///< see TrackerSettings
-  MarkerTrackerSettings<Rule> marker{};  ///< its `capture` is how far from its start the body is looked for
+  MarkerTrackerSettings<Rule> marker{};  ///< its `start_search` is how far from its start the body is looked for
 };
 
 /// Follows a wireframe from a rough start on. After a loss it is searched around the place where its motion must have
@@ -115,7 +115,7 @@ class WireframeTracker {
   // Where the body is, and how far from there it may be.
   struct Place {
     Eigen::Isometry3d T;
-    CaptureSettings reach;
+    StartPoseSearchSettings reach;
   };
 
   static const Eigen::Isometry3d& checked_start(const Wireframe& body) {
@@ -152,7 +152,7 @@ class WireframeTracker {
     }
     looked_t_ = t;
     const auto place = expected(t);
-    search(place.value_or(Place{searched_at_, settings_.capture.value_or(CaptureSettings{})}));
+    search(place.value_or(Place{searched_at_, settings_.start_search.value_or(StartPoseSearchSettings{})}));
     return told ? &last_pose_ : nullptr;
   }
 
@@ -173,7 +173,7 @@ class WireframeTracker {
   std::optional<Place> expected(Timestamp t) const noexcept {
     if (!knew_motion_) return std::nullopt;
     const PoseEstimate pose = lost_->pose_at(std::max(t, lost_->estimate().t));
-    Place place{pose.T_camera_marker, settings_.capture.value_or(CaptureSettings{})};
+    Place place{pose.T_camera_marker, settings_.start_search.value_or(StartPoseSearchSettings{})};
     for (const Eigen::Vector3d& vertex : model().vertices)
       if (!((place.T * vertex).z() > kNearest_m)) return std::nullopt;
     if (!pose.covariance) return place;
@@ -196,7 +196,7 @@ class WireframeTracker {
   // The only place where memory is taken. Where there is none, the body stays lost.
   void search(const Place& place) noexcept try {
     MarkerTrackerSettings<Rule> settings = settings_;
-    if (settings.capture) settings.capture = place.reach;
+    if (settings.start_search) settings.start_search = place.reach;
     tracker_ = MarkerTracker<Rule>(lines_, model(), place.T, settings, id());
     searched_at_ = place.T;
     searched_share_ = place.reach.reach_share;
@@ -229,7 +229,7 @@ class WireframeTracker {
   bool heard_ = false;                       // there was a pose from `tracker_`: its search is over
   bool knew_motion_ = false;                 // `lost_` had been `tracking`: it had followed the body
   bool registered_ = false;                  // `tracking` since the last loss
-  double searched_share_ = 0;                // and how far it looked, see CaptureSettings
+  double searched_share_ = 0;                // and how far it looked, see StartPoseSearchSettings
   Eigen::Isometry3d searched_at_;            // where `tracker_` began
   Timestamp looked_t_ = 0;                   // when it was last thought of where the body must be
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
