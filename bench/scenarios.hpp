@@ -237,8 +237,8 @@ inline Situation shaking(Random random) {
 
 // --- Like real sensors -----------------------------------------------------------------------------------------------
 
-/// Dark grey on light grey. A pixel that an edge passes spends half a threshold of each polarity on turning round, as it
-/// remembers where it fired last; the rest of a contrast of ln 3 makes 3.7 OFF or 2.3 ON events.
+/// Dark grey on light grey. A pixel that an edge passes spends half a threshold of each polarity on turning round, as
+/// it remembers where it fired last; the rest of a contrast of ln 3 makes 3.7 OFF or 2.3 ON events.
 inline Situation low_contrast(Random random) {
   auto situation = near(random);
   situation.scene.markers.front().black = 0.2;

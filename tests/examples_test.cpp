@@ -23,10 +23,12 @@
 #include <sstream>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
+#include "evmarker/opencv/calibration.hpp"
 #include "io_test_support.hpp"
 
 #ifdef EVMARKER_HAS_SCREEN
@@ -396,6 +398,37 @@ TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed ra
   CHECK(last_s > 0.5);
 }
 
+TEST_CASE("examples: simulate takes a sensor and a lens, writes them down, and single options change the sensor") {
+  const TemporaryFolder folder;
+  const std::string short_run = " --duration 0.05 --sensor davis346";
+  const auto events_after = [&](const std::string& options) {
+    const Result result = run(folder, "simulate r.raw" + short_run + options);
+    CHECK_MESSAGE(result.code == 0, result.err);
+    return std::stoul(result.out.substr(result.out.find(": ") + 2));
+  };
+  CHECK(events_after(" --lens fisheye:0.01,-0.02,0.003,0.0004 --focal 300") > 1000);
+  const evmarker::PinholeCamera fisheye = evmarker::opencv::load_calibration((folder / "r.yml").string());
+  CHECK(fisheye.sensor_size().width == 346);
+  CHECK(fisheye.sensor_size().height == 260);
+  CHECK(fisheye.fx() == 300);
+  const auto* bent = std::get_if<evmarker::EquidistantDistortion>(&fisheye.distortion());
+  REQUIRE(bent);
+  CHECK(bent->k2 == -0.02);
+  CHECK(bent->k4 == 0.0004);
+
+  const auto calm = events_after(" --lens radtan:-0.3,0.1,0.001,-0.002 --noise 0 --leak 0");
+  const evmarker::PinholeCamera radial = evmarker::opencv::load_calibration((folder / "r.yml").string());
+  CHECK(radial.fx() == 324);
+  const auto* tangential = std::get_if<evmarker::BrownConradyDistortion>(&radial.distortion());
+  REQUIRE(tangential);
+  CHECK(tangential->k1 == -0.3);
+  CHECK(tangential->p2 == -0.002);
+  CHECK(tangential->k3 == 0);
+  const auto noisy = events_after(" --lens radtan:-0.3,0.1,0.001,-0.002 --noise 20 --leak 0");
+  const double noise = 346 * 260 * 20 * 0.05;
+  CHECK(std::abs(static_cast<double>(noisy) - static_cast<double>(calm) - noise) < 0.02 * noise);
+}
+
 TEST_CASE("examples: a board of markers is simulated and tracked as one") {
   const TemporaryFolder folder;
   write_file(folder / "board.yml", kBoard);
@@ -643,6 +676,16 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {simulate + " --distance 0", {"--distance", "0 "}},
       {simulate + " --sway 2", {"--sway", "2.0", "--distance"}},
       {simulate + " --noise -1", {"noise", "-1"}},
+      {simulate + " --sensor dvs1", {"dvs1", "dvs128", "imx636"}},
+      {simulate + " --lens barrel:0.1", {"--lens", "barrel", "radtan", "fisheye"}},
+      {simulate + " --lens radtan:0.1,0.2,0", {"--lens", "4 or 5", "not 3"}},
+      {simulate + " --lens fisheye:0.1,0.2,0,x", {"--lens", "k4", "x"}},
+      {simulate + " --threshold-on 0", {"contrast_threshold_on", "0.0"}},
+      {simulate + " --light-lag-us -3", {"light_time_constant_us", "-3"}},
+      {simulate + " --leak nan", {"leak_hz_per_px", "nan"}},
+      {simulate + " --blur 0", {"point_spread_px", "0.0"}},
+      {simulate + " --black 0", {"--black", "0.0"}},
+      {simulate + " --white 0.5,0.6", {"--white", "2 values", "1 markers"}},
       {simulate + " --size 100000,100000", {"width is 100000 px"}},
       {simulate + " --truth missing/t.csv --camera new.yml", {"missing/t.csv", "No such file"}},
       {simulate + " --truth new.csv --camera missing/c.yml", {"missing/c.yml", "No such file"}},
