@@ -24,8 +24,8 @@ bool has(const char* folder) {
 
 void check(const bench::BodyVerdict& verdict, double right_share, double median) {
   const double found = Spread::of(verdict.distances).median;
-  MESSAGE(100 * verdict.right_share() << " % right, " << 100 * verdict.wrong_share() << " % wrong, median " << found
-                                      << ", lost " << verdict.lost() << " times");
+  MESSAGE("right " << 100 * verdict.right_share() << " %, wrong " << 100 * verdict.wrong_share() << " %, median "
+                   << found << ", lost " << verdict.lost() << " times");
   CHECK(verdict.right_share() > right_share);
   CHECK(verdict.wrong_share() < 0.01);
   CHECK(found < median);
