@@ -22,12 +22,12 @@ struct CellRegion {
     if (seen.isEmpty()) seen = Eigen::AlignedBox2d(image.center().eval());
     CellRegion region;
     region.cell_px = std::max(1.0, seen.sizes().maxCoeff() / (most - 2 * rim - 1));
-    region.low = seen.min().array() - rim * region.cell_px;
+    region.low = seen.min().array() - (rim + 1e-6) * region.cell_px;  // rounding does not put the corner on the rim
     const Eigen::Array2i size =
         ((seen.sizes() / region.cell_px).array().floor().cast<int>() + 2 * rim + 1).min(most).eval();
     region.width = size.x();
     region.height = size.y();
-    const Eigen::Array2i first = (region.place(image.min()).array() + 1e-6).floor().max(0).cast<int>();
+    const Eigen::Array2i first = region.place(image.min()).array().floor().max(0).cast<int>();
     const Eigen::Array2i last = region.place(image.max()).array().floor().min(most).cast<int>().min(size - 1);
     region.left = first.x();
     region.top = first.y();

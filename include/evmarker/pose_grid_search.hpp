@@ -167,9 +167,16 @@ class PoseGridSearch {
   }
 
   int score_of(const EdgeEvidence& evidence, const Eigen::Isometry3d& T) const noexcept {
-    int score = 0;
+    int score = prior(T);
     for (const Eigen::Vector3d& point : points_) score += at(evidence, cell_of(T * point));
     return score;
+  }
+
+  // Of the tilt, which few events hardly show: the rough one, to within half of the rotation's reach (sigma).
+  int prior(const Eigen::Isometry3d& T) const noexcept {
+    const double sigma = std::max(reach_.rotation_rad / 2, 1e-3);
+    const Eigen::Vector2d tilt = so3_log(T.linear() * T_rough_.linear().transpose()).head<2>();
+    return static_cast<int>(-0.5 * std::min(tilt.squaredNorm() / (sigma * sigma), 1e3) / nats(1));
   }
 
   void start_refining() noexcept {
