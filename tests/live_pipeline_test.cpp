@@ -49,7 +49,7 @@ void push(Pipeline& pipeline, const std::vector<Event>& events, std::size_t piec
 }
 
 void check_sum(const live::Status& s) {
-  CHECK(s.events == s.processed + s.filtered + s.off_sensor + s.dropped + s.queue_depth);
+  CHECK(s.events == s.processed + s.filtered + s.off_sensor + s.time_faults + s.dropped + s.queue_depth);
 }
 
 double elapsed_ms(std::chrono::steady_clock::time_point since) {
@@ -672,6 +672,49 @@ TEST_CASE("a camera that is restarted, and one that pauses, are noticed and surv
   CHECK(pipeline.status().time_steps_back == 1);
   CHECK(pipeline.status().time_gaps == 1);
   check_sum(pipeline.status());
+}
+
+TEST_CASE("single events with wrong times change neither poses nor ticks") {
+  const auto run = [](const std::vector<Event>& events, std::size_t piece) {
+    struct {
+      std::vector<PoseEstimate> poses, ticks;
+      live::Status status;
+    } result;
+    Settings settings = kLikeTracker;
+    settings.on_tick = [&](Timestamp t, std::span<const PoseEstimate> poses) {
+      result.ticks.insert(result.ticks.end(), poses.begin(), poses.end());
+      CHECK(t <= events.back().t);
+    };
+    live::Pipeline pipeline(
+        simulated::camera, KnowingDetector{motion()}, [&](const PoseEstimate& pose) { result.poses.push_back(pose); },
+        settings);
+    push(pipeline, events, piece);
+    pipeline.flush();
+    result.status = pipeline.status();
+    return result;
+  };
+  const auto expected = run(events(), 500);
+  REQUIRE(expected.poses.size() > 500);
+  REQUIRE(expected.ticks.size() > 200);
+  for (const Timestamp jump : {Timestamp{1000}, Timestamp{20000}, Timestamp{1} << 32, Timestamp{1} << 40}) {
+    CAPTURE(jump);
+    auto faulty = events();
+    for (const std::size_t i : {faulty.size() / 2, faulty.size() / 3}) {
+      Event wrong = faulty[i];
+      wrong.t += i % 2 == 0 ? jump : -jump;
+      faulty.insert(faulty.begin() + static_cast<std::ptrdiff_t>(i), wrong);
+    }
+    const auto found = run(faulty, 500);
+    check_sum(found.status);
+    CHECK(found.status.time_faults == 2);
+    for (const auto& [a, b] : {std::pair(&found.poses, &expected.poses), std::pair(&found.ticks, &expected.ticks)}) {
+      REQUIRE(a->size() == b->size());
+      for (std::size_t i = 0; i < a->size(); ++i) {
+        REQUIRE((*a)[i].t == (*b)[i].t);
+        REQUIRE((*a)[i].T_camera_marker.matrix() == (*b)[i].T_camera_marker.matrix());
+      }
+    }
+  }
 }
 
 TEST_CASE("without detection no marker is found, those that are tracked stay") {
