@@ -124,6 +124,9 @@ class EdgeFollower {
   }
   int events_per_update() const noexcept { return events_per_update_; }
 
+  /// Events of a motion that says where the marker is: two for each pixel of its edges, at most 500.
+  int edge_events() const noexcept { return static_cast<int>(std::clamp(2 * length_px(), 20.0, 500.0)); }
+
   /// How many matched events are still needed for the next update.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
 

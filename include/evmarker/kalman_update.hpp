@@ -128,7 +128,8 @@ class KalmanUpdate {
     if (count > 0) average(count);
     t_us_ = static_cast<double>(t);
     ErrorState error;
-    error.x.head<6>() = predict(mean_dt, most_motion(count, dt));
+    limit_motion(count, dt);
+    error.x.head<6>() = predict(mean_dt);
 
     constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
@@ -137,7 +138,8 @@ class KalmanUpdate {
 
     Vector6d step = error.x.head<6>();
     const Vector6d twist = twist_ + error.x.tail<6>();
-    const double lead_s = dt - mean_dt;
+    const double edge_speed = twist.head<3>().norm() + std::sqrt(lever2()) * twist.tail<3>().norm();
+    const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
     if (lead_s != 0) step += carried(lead_s) * twist;
     if (!good || !(step.squaredNorm() + twist.squaredNorm() + squared(error.b[kOffset]) + squared(error.b[kTrail]) < kInfinity)) return false;
 
@@ -173,7 +175,8 @@ class KalmanUpdate {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
-    perturb(T_camera_marker, predict(dt, kInfinity));
+    most_motion_m_ = kInfinity;
+    perturb(T_camera_marker, predict(dt));
   }
 
   void reverse() noexcept {
@@ -190,7 +193,7 @@ class KalmanUpdate {
     Matrix6d P = P_.xx.topLeftCorner<6, 6>();
     if (lead_s_ != 0) {
       const Passage passed = passage(lead_s_);
-      const Noise noise = this->noise(passed);
+      const Noise noise = bounded(this->noise(passed));
       for (int k = 0; k < 6; ++k)
         P.col(k) += passed.carried *
                     (P_.xx.col(k).tail<6>() + P_.xx.col(6 + k).head<6>() + passed.carried * P_.xx.col(6 + k).tail<6>());
@@ -285,37 +288,43 @@ class KalmanUpdate {
             tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
   }
 
-  // How far the edges can have moved at most while they made so many events, noise among them [m]; no events is a
+  // How far the edges can have moved at most while they made so many events, noise among them: no events is a
   // measurement, too. A velocity that takes them farther is wrong, and as wrong as that it is known.
-  double most_motion(int events, double dt) noexcept {
-    if (!(events_per_px_ > 0 && scales_known_)) return kInfinity;
+  void limit_motion(int events, double dt) noexcept {
+    most_motion_m_ = kInfinity;
+    if (!(events_per_px_ > 0 && scales_known_)) return;
     constexpr double kSafety = 6;  // edges along the motion, hidden ones, fewer events of a fast edge
-    const double most = kSafety * (events + 3 * std::sqrt(events)) / (events_per_px_ * std::sqrt(px_per_m2()));
+    most_motion_m_ = kSafety * (events + 3 * std::sqrt(events)) / (events_per_px_ * std::sqrt(px_per_m2()));
     const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
     const double expected = carried(dt) * std::max(speed(rotation_speed()), velocity_sigma);
-    if (expected > most) {
-      const double kept = most / expected;
-      twist_ *= kept;
-      P_.xx.rightCols<6>() *= kept;
-      P_.xx.bottomRows<6>() *= kept;
-      for (Vector12d& column : P_.xb) column.tail<6>() *= kept;
-    }
-    return most;
+    if (!(expected > most_motion_m_)) return;
+    const double kept = most_motion_m_ / expected;
+    twist_ *= kept;
+    P_.xx.rightCols<6>() *= kept;
+    P_.xx.bottomRows<6>() *= kept;
+    for (Vector12d& column : P_.xb) column.tail<6>() *= kept;
   }
 
-  // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up, to so much motion of
-  // the edges at most. Returns the motion of the pose.
-  Vector6d predict(double after_pose_s, double most_motion_m) noexcept {
+  // Noise that moves the edges no farther than that.
+  Noise bounded(Noise noise) const noexcept {
+    const double most2 = most_motion_m_ * most_motion_m_, pose = noise.q_translation * noise.pose;
+    if (!(pose > most2)) return noise;
+    noise.pose *= most2 / pose;
+    noise.pose_velocity *= std::sqrt(most2 / pose);
+    return noise;
+  }
+
+  // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
+  // of the pose.
+  Vector6d predict(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
     lead_s_ = 0;
     if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
     const Passage passed = passage(dt);
     const double carried = passed.carried, kept = 1 - passed.faded;
-    const Noise noise = this->noise(passed);
-    const double most2 = most_motion_m * most_motion_m, unbounded = noise.q_translation * noise.pose;
-    const double bounded = unbounded > most2 ? most2 / unbounded : 1;
-    const Vector6d of_pose = noise.along(bounded * noise.pose), of_velocity = noise.along(noise.velocity),
-                   of_both = noise.along(std::copysign(std::sqrt(bounded) * noise.pose_velocity, carried));
+    const Noise noise = bounded(this->noise(passed));
+    const Vector6d of_pose = noise.along(noise.pose), of_velocity = noise.along(noise.velocity),
+                   of_both = noise.along(std::copysign(noise.pose_velocity, carried));
     in_packs([&](auto bits)
                  __attribute__((always_inline)) { P_.predict<bits>(carried, kept, of_pose, of_both, of_velocity); });
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
@@ -328,6 +337,7 @@ class KalmanUpdate {
   ErrorCovariance P_;
   Vector6d twist_ = Vector6d::Zero();
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
+  double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
   double events_per_px_ = 0;               // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update

@@ -35,7 +35,7 @@ struct MarkerTrackerSettings {
   TrackHealthSettings health{};         ///< what loses a marker
   bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
   double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
-  int converging_events = 500;          ///< matched at least before the pose is `tracking`
+  int converging_events = 0;            ///< matched at least before the pose is `tracking`; the evidence may want more
   /// The marker is first searched around its start pose; without it, tracked from there.
   std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
 };
@@ -265,7 +265,7 @@ class MarkerTracker {
   // matching distance, what follows is evidence, and a way back over it decides.
   void converge() noexcept {
     if (converging_since_ == kNever) converging_since_ = t_;
-    if (!settled_ && (matched_ >= kSettling || knows_edges(estimate()))) {
+    if (!settled_ && (matched_ >= 2 * follower_.edge_events() || knows_edges(estimate()))) {
       settled_ = true;
       health_.restart(t_);
       verification_.start_window(follower_, VerificationWindow::brief);
@@ -355,7 +355,6 @@ class MarkerTracker {
            });
   }
 
-  static constexpr int kSettling = 1000;       // matched events, where a rule does not say how sure it is
   static constexpr int kMisfitEvents = 4000;
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
   static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();

@@ -31,6 +31,7 @@ class TrackHealth {
       : bound_(-std::log(settings.false_alarm_rate) / 2), activity_(model, focal_length) {
     if (!(settings.false_alarm_rate > 0 && settings.false_alarm_rate < 0.1))
       throw std::invalid_argument("track health: false_alarm_rate is " + std::to_string(settings.false_alarm_rate));
+    restart(0);
   }
 
   /// Counts an event on or near the wireframe.
@@ -80,15 +81,17 @@ class TrackHealth {
 
   /// A way back that led to where it should, or did not.
   void judge_verification(bool passed) noexcept {
-    judge(passed ? -1 : 1, LossReason::verification);  // a ghost comes back, too, about one time in three
+    judge(passed ? -kReturns : kReturns, LossReason::verification);
   }
 
   /// A detection shows the marker elsewhere. One in a thousand does by mistake.
   void contradict() noexcept { judge(bound_, LossReason::replaced); }
 
-  /// Starts from even odds again.
+  /// Starts from even odds again: a start pose may be wrong, and then its events lie anywhere and it does not come back.
   void restart(Timestamp t) noexcept {
-    log_odds_.fill(0);
+    log_odds_.fill(bound_);
+    log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
+    log_odds_[static_cast<std::size_t>(LossReason::verification)] = 0;
     t_us_ = static_cast<double>(t);
     forget_matches();
     activity_.restart();
@@ -108,6 +111,7 @@ class TrackHealth {
 
  private:
   static constexpr int kTogether = 64;
+  static constexpr double kReturns = 3;         // logarithm of the odds: a wrong pose comes back one time in twenty
   static constexpr double kAnywhere = 1.0 / 3;  // of events anywhere near an edge, to three times the distance, match
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
   static constexpr double kMemory = 50000;      // [events]

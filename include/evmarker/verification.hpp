@@ -99,7 +99,7 @@ class Verification {
     if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
     window_.push(event);
     updates_ += updated;
-    const bool complete = (brief_ ? window_.size() >= std::min(kBrief, settings_.min_events)
+    const bool complete = (brief_ ? window_.size() >= brief_events_
                                   : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
                           steps_left_ == 0;
     const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
@@ -115,6 +115,7 @@ class Verification {
   void start_window(const EdgeFollower<Rule>& forward,
                     VerificationWindow window = VerificationWindow::full) noexcept {
     brief_ = window == VerificationWindow::brief;
+    brief_events_ = std::min(settings_.min_events, static_cast<std::size_t>(forward.edge_events()));
     steps_left_ = 0;
     pause_ = 0;
     start(forward);
@@ -141,7 +142,6 @@ class Verification {
  private:
   static constexpr double kPapersRotation_rad = 0.15;
   static constexpr double kExpected = 6;        // standard deviations
-  static constexpr std::size_t kBrief = 500;    // events of a brief window
   static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
   static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
 
@@ -221,6 +221,7 @@ class Verification {
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
   bool brief_ = false;
+  std::size_t brief_events_ = 0;
   double size_m_ = 0;      // of the model
   std::size_t pause_ = 0;  // events until the next window begins
 };
