@@ -172,7 +172,7 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
 /// front of the camera or the lens model has no image of it
 template <CameraModel Camera>
 std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame, const MarkerModel& model,
-                                     const Eigen::Isometry3d& T_camera_marker, double reach_px, int iterations = 8) {
+                                     const Eigen::Isometry3d& T_camera_marker, double reach_px, int iterations = 10) {
   constexpr int kFewestSteps = 12;
   constexpr double kConverged_px = 0.02;
   FrameFit fit{.T_camera_marker = T_camera_marker};
