@@ -265,7 +265,7 @@ class MarkerTracker {
   // matching distance, what follows is evidence, and a way back over it decides.
   void converge() noexcept {
     if (converging_since_ == kNever) converging_since_ = t_;
-    if (!settled_ && (matched_ >= 2 * follower_.edge_events() || knows_edges(estimate()))) {
+    if (!settled_ && (matched_ >= follower_.edge_events() || knows_edges(estimate()))) {
       settled_ = true;
       health_.restart(t_);
       verification_.start_window(follower_, VerificationWindow::brief);
