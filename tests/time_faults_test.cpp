@@ -1,7 +1,10 @@
 // Single events with wrong times, through whole trackers.
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cstddef>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "evmarker/tracker.hpp"
@@ -69,13 +72,11 @@ std::vector<PoseEstimate> in_ranges(T& tracker, std::span<const Event> events, s
 
 void require_same(const std::vector<PoseEstimate>& a, const std::vector<PoseEstimate>& b) {
   REQUIRE(a.size() == b.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    REQUIRE(a[i].id == b[i].id);
-    REQUIRE(a[i].t == b[i].t);
-    REQUIRE(a[i].T_camera_marker.matrix() == b[i].T_camera_marker.matrix());
-    REQUIRE(a[i].covariance == b[i].covariance);
-    REQUIRE(a[i].quality.state == b[i].quality.state);
-  }
+  const auto same = [](const PoseEstimate& l, const PoseEstimate& r) {
+    return l.id == r.id && l.t == r.t && l.T_camera_marker.matrix() == r.T_camera_marker.matrix() &&
+           l.covariance == r.covariance && l.quality.state == r.quality.state;
+  };
+  REQUIRE(std::ranges::equal(a, b, same));
 }
 
 // Numbers of events: some anywhere, and those that complete a pose.
