@@ -246,8 +246,8 @@ class MarkerTracker {
       note(*error);
     if (updated) count_update();
     if (health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near)) judge_matches();
-    if (health_.lost() || failed_) [[unlikely]]
-      return &lose(failed_ ? *failed_ : health_.reason());
+    if (health_.lost() || failed_ != LossReason::none) [[unlikely]]
+      return &lose(failed_ != LossReason::none ? failed_ : health_.reason());
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
     if (health_.edges_due()) judge_edges();
@@ -265,7 +265,7 @@ class MarkerTracker {
   // matching distance, what follows is evidence, and a way back over it decides.
   void converge() noexcept {
     if (converging_since_ == kNever) converging_since_ = t_;
-    if (!settled_ && (matched_ >= follower_.edge_events() || knows_edges(estimate()))) {
+    if (!settled_ && settles()) {
       settled_ = true;
       health_.restart(t_);
       verification_.start_window(follower_, VerificationWindow::brief);
@@ -276,13 +276,25 @@ class MarkerTracker {
       failed_ = LossReason::not_confirmed;
   }
 
+  // A start that was searched fits the events already; any other one may be some pixels off.
+  bool settles() const noexcept {
+    const int fitting = follower_.edge_events();
+    if constexpr (MotionEstimatingRule<Rule>)
+      return (matched_ >= fitting || start_search_) && (matched_ >= 4 * fitting || knows_edges(estimate()));
+    else
+      return matched_ >= fitting;
+  }
+
   void judge_matches() noexcept {
     if (settled_) health_.judge_matches(t_);
   }
 
+  // While the pose converges, it moves by more than the edges do.
   void judge_edges() noexcept {
+    if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
-    if (health_.events_per_px2() > 0) follower_.expect_events_per_px2(health_.events_per_px2());
+    if (state() == TrackingState::tracking && health_.events_per_px2() > 0)
+      follower_.expect_events_per_px2(health_.events_per_px2());
   }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
@@ -374,7 +386,7 @@ class MarkerTracker {
   Misfit misfit_;                       // of the first updates
   bool settled_ = false;                // the start has been refined: what follows is evidence
   bool verified_ = false;               // a way back has led to where it should
-  std::optional<LossReason> failed_;    // beyond any odds
+  LossReason failed_ = LossReason::none;  // beyond any odds
   Timestamp converging_since_ = kNever;
 };
 

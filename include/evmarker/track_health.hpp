@@ -92,16 +92,17 @@ class TrackHealth {
     log_odds_.fill(bound_);
     log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
     log_odds_[static_cast<std::size_t>(LossReason::verification)] = 0;
+    summarise();
     t_us_ = static_cast<double>(t);
     forget_matches();
     activity_.restart();
   }
 
-  bool lost() const noexcept { return least() <= -bound_; }
+  bool lost() const noexcept { return lost_; }
   /// True while nothing speaks against it, and the events speak for it.
   bool sure() const noexcept { return least() >= 0 && odds(LossReason::inconsistent) > bound_ / 2; }
   /// That the marker is followed.
-  double probability() const noexcept { return 1 / (1 + std::exp(-least())); }
+  double probability() const noexcept { return probability_; }
   /// What speaks most against it.
   LossReason reason() const noexcept {
     return static_cast<LossReason>(std::min_element(log_odds_.begin() + 1, log_odds_.end()) - log_odds_.begin());
@@ -123,12 +124,21 @@ class TrackHealth {
   void judge(double log_likelihood_of_loss, LossReason reason) noexcept {
     double& odds = log_odds_[static_cast<std::size_t>(reason)];
     odds = std::min(odds - log_likelihood_of_loss, bound_);
+    summarise();
+  }
+
+  // Here and not where it is asked for, which is with every event.
+  void summarise() noexcept {
+    lost_ = least() <= -bound_;
+    probability_ = 1 / (1 + std::exp(-least()));
   }
 
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
   double bound_;  // of the logarithm of the odds, to both sides
   std::array<double, 8> log_odds_{};  // that it is not lost for this reason, by LossReason
+  bool lost_ = false;
+  double probability_ = 0.5;
   EdgeActivity activity_;
   int matched_ = 0, near_ = 0;  // events since the last judgement
   double t_us_ = 0;             // of that
