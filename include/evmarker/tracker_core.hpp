@@ -67,7 +67,7 @@ class TrackerCore {
     TimeGuard::Verdict verdict;
     do {
       check();
-      verdict = guard_.judge(event);
+      verdict = judge(event);
       if (verdict == TimeGuard::Verdict::release) take_one(guard_.held(), after);
     } while (verdict == TimeGuard::Verdict::release);
     ++statistics_.events;
@@ -94,7 +94,7 @@ class TrackerCore {
       if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
         break;
       ++statistics_.events;
-      if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
+      if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
         continue;
       const Entry entry = enter(event);
       if (entry == Entry::off_sensor) continue;
@@ -128,6 +128,7 @@ class TrackerCore {
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
     guard_.restart(t);
+    statistics_.time_faults = guard_.faults();
     followable_since_ = history_.pushed();
     candidates_.skip(missing, history_);
     markers_.skip(missing, delivering());
@@ -185,11 +186,7 @@ class TrackerCore {
     searching_ = searching();
   }
 
-  TrackerStatistics statistics() const noexcept {
-    TrackerStatistics statistics = statistics_;
-    statistics.time_faults = guard_.faults();
-    return statistics;
-  }
+  const TrackerStatistics& statistics() const noexcept { return statistics_; }
   const PolarityFrame& polarity_frame() const noexcept { return frame_; }
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
@@ -234,12 +231,21 @@ class TrackerCore {
   template <typename Stop, typename Use>
   [[gnu::noinline]] std::size_t push_first(const Event& event, const Stop& stop, const Use& use) {
     check();
-    const TimeGuard::Verdict verdict = guard_.judge(event);
+    const TimeGuard::Verdict verdict = judge(event);
     const bool released = verdict == TimeGuard::Verdict::release;
     if (verdict != TimeGuard::Verdict::hold) take_one(released ? guard_.held() : event, stop);
     statistics_.events += !released;
     by_time_.hand_over(poses_, use);
     return released ? 0 : 1;
+  }
+
+  // See TimeGuard::judge.
+  TimeGuard::Verdict judge(const Event& event) noexcept {
+    const bool usual = guard_.passes(event.t);
+    const TimeGuard::Verdict verdict = guard_.judge(event);
+    if (!usual) [[unlikely]]
+      statistics_.time_faults = guard_.faults();
+    return verdict;
   }
 
   // An event whose time is right.
