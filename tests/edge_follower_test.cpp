@@ -8,7 +8,7 @@
 #include <optional>
 #include <random>
 #include <string>
-#include <utility>
+#include <tuple>
 #include <vector>
 
 #include "evmarker/decoupled_update.hpp"
@@ -44,6 +44,7 @@ struct CountingRule {
     ++added;
     added_at = T_camera_marker.translation();
     last_distance = c.distance_px;
+    last_polarity = c.polarity;
   }
   bool update(Isometry3d& T_camera_marker, Timestamp t) noexcept {
     ++updates;
@@ -52,6 +53,7 @@ struct CountingRule {
     T_camera_marker.translation().z() += settings.step_z;
     return true;
   }
+  void set_events_per_update(int events) noexcept { events_per_update = events; }
   void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
   void reverse() noexcept {
     ++reversals;
@@ -64,7 +66,7 @@ struct CountingRule {
   int events_per_update, added = 0, updates = 0, reversals = 0;
   Timestamp updated_at = 0;
   Vector3d added_at{0, 0, 0};
-  double last_distance = 0;
+  double last_distance = 0, last_polarity = 0;
 };
 
 using CountingFollower = EdgeFollower<CountingRule>;
@@ -286,8 +288,70 @@ TEST_CASE("the same events give the same poses, and copies go their own ways") {
 }
 
 TEST_CASE("a rule that takes any number of events still gets one at least") {
-  CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.events_per_update = 0}),
-                       "events_per_update is 0", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.events_per_update = -1}),
+                       "events_per_update is -1", std::invalid_argument);
+}
+
+TEST_CASE("automatic: as many events as the edges make while they move by a tenth of a pixel") {
+  // The lone edge is 0.2 m long: 100 px at 1 m. A rule that does not know how many events that makes: one per px^2.
+  for (const auto& [distance_m, events] : {std::pair{20.0, 1},
+                                           {10.0, 1},
+                                           {4.0, 2},
+                                           {2.0, 5},
+                                           {1.0, 10},
+                                           {0.5, 20},
+                                           {0.125, 80},
+                                           {0.1, 100},
+                                           {0.05, 100}}) {
+    CAPTURE(distance_m);
+    CountingFollower follower(lone_edge(), kFocal, pose({0, 0, 0}, {0, 0, distance_m}), {});
+    CHECK(follower.events_per_update() == events);
+    CHECK(follower.rule().events_per_update == events);
+    CHECK(follower.until_update() == static_cast<std::size_t>(events));
+    int updates = 0;
+    for (int i = 0; i < 3 * events; ++i) updates += follower.push(px(0, 0), i).updated;
+    CHECK(updates == 3);
+    CHECK(follower.last_update().matched == events);
+  }
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {});
+  follower.start_from(pose({0, 0, 0}, {0, 0, 1.05}));
+  CHECK(follower.events_per_update() == 10);  // not for every small change
+  follower.start_from(pose({0, 0, 0}, {0, 0, 0.5}));
+  CHECK(follower.events_per_update() == 20);
+  CHECK(follower.rule().events_per_update == 20);
+  follower.expect_events_per_px2(3);  // of no use to this rule
+  CHECK(follower.events_per_update() == 20);
+}
+
+TEST_CASE("automatic: more where a pixel makes more events, and a number stays that number") {
+  const auto square = [](double distance_m, int n) {  // its edges are 200 px long at 1 m
+    return EdgeFollower<KalmanUpdate>(evmarker::make_square_marker(0.1), kFocal,
+                                      pose({std::numbers::pi, 0, 0}, {0, 0, distance_m}), {.events_per_update = n});
+  };
+  for (const auto& [distance_m, per_px2, events] :
+       {std::tuple{1.0, 3.0, 60}, {1.0, 30.0, 100}, {1.0, 0.2, 20}, {4.0, 1.6, 8}, {100.0, 2.0, 1}}) {
+    CAPTURE(distance_m);
+    CAPTURE(per_px2);
+    EdgeFollower<KalmanUpdate> follower = square(distance_m, evmarker::kAutomatic), fixed = square(distance_m, 7);
+    follower.expect_events_per_px2(per_px2);
+    fixed.expect_events_per_px2(per_px2);
+    CHECK(follower.events_per_update() == events);
+    CHECK(fixed.events_per_update() == 7);
+    fixed.start_from(pose({std::numbers::pi, 0, 0}, {0, 0, 0.3}));
+    CHECK(fixed.events_per_update() == 7);
+    CHECK(fixed.rule().trail_px() > 0);  // it was told
+  }
+}
+
+TEST_CASE("the rule is told the polarity of each event") {
+  CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 1});
+  for (const double polarity : {1.0, -1.0, 0.0}) {
+    follower.push(px(0, 1), 1, polarity);
+    CHECK(follower.rule().last_polarity == polarity);
+  }
+  follower.push(px(0, 1), 1, 1);
+  follower.push(px(0, 1), 1);
+  CHECK(follower.rule().last_polarity == 0);
 }
 
 TEST_CASE("impossible settings and poses are refused with field and value") {
@@ -302,7 +366,7 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
   const Isometry3d facing = pose({std::numbers::pi, 0, 0}, {0, 0, 1});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK(message_of(facing, {}) == "accepted");
-  CHECK(message_of(facing, {.events_per_update = 0}) == "decoupled update: events_per_update is 0");
+  CHECK(message_of(facing, {.events_per_update = -1}) == "decoupled update: events_per_update is -1");
   CHECK(message_of(facing, {.events_per_update = -100}) == "decoupled update: events_per_update is -100");
   CHECK(message_of(facing, {.matching = {.max_distance_px = -2}}) == "segment matcher: max_distance_px is -2.000000");
   CHECK(message_of(facing, {.update = {.rotation_gain = -1}}) == "decoupled update: rotation_gain is -1.000000");
@@ -326,7 +390,7 @@ CountingFollower moving_edge(const Vector6d& twist, CountingFollower::Settings s
   return follower;
 }
 
-constexpr bool kOn = true, kOff = false;
+constexpr double kOn = 1, kOff = -1;
 const Vector6d kIntoTheDark = twist({0, 0.5, 0}, {0, 0, 0});  // 250 px/s
 
 // Moves on straight at 400 px/s while it turns, and turns back on the spot every 50 ms.
@@ -341,7 +405,7 @@ Isometry3d zigzag(double seconds) {
 struct PolarSight {
   Vector2d m;
   Timestamp t;
-  bool on;
+  double polarity;
 };
 // Exact events of the dark square: where an edge moves toward the square's inside, the light outside grows.
 std::vector<PolarSight> zigzag_events(Timestamp duration_us) {
@@ -358,7 +422,7 @@ std::vector<PolarSight> zigzag_events(Timestamp duration_us) {
     const Vector2d along = image(zigzag(seconds) * corner(edge + 1)) - image(zigzag(seconds) * corner(edge));
     Vector2d inside(-along.y(), along.x());
     if (inside.dot(image(zigzag(seconds) * Vector3d(0, 0, 0)) - m) < 0) inside = -inside;
-    events.push_back({m, t, inside.dot(m - image(zigzag(before) * point)) > 0});
+    events.push_back({m, t, inside.dot(m - image(zigzag(before) * point)) > 0 ? kOn : kOff});
   }
   return events;
 }
@@ -435,14 +499,15 @@ TEST_CASE("a marker that turns back on the spot is followed, and without the che
   };
   enum class Polarity { told, unknown };
   const auto run = [&](int n, bool check, Polarity polarity) {
-    EdgeFollower<KalmanUpdate> follower(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
-                                        {.events_per_update = n,
-                                         .update = {.offset_drift_px = 1e-3, .initial_sigma_offset_px = 1e-3},
-                                         .polarity_check = check});
+    EdgeFollower<KalmanUpdate> follower(
+        evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
+        {.events_per_update = n,
+         .update = {.offset_drift_px = 1e-3, .initial_sigma_offset_px = 1e-3, .initial_sigma_trail_px = 1e-3},
+         .polarity_check = check});
     Outcome outcome;
     for (const PolarSight& event : events) {
-      const auto result =
-          polarity == Polarity::told ? follower.push(event.m, event.t, event.on) : follower.push(event.m, event.t);
+      const auto result = polarity == Polarity::told ? follower.push(event.m, event.t, event.polarity)
+                                                     : follower.push(event.m, event.t);
       outcome.contradicting += result.match == MatchResult::contradicting;
       if (!result.updated) continue;
       const double error = corner_error_px(follower.T_camera_marker(), zigzag(1e-6 * static_cast<double>(event.t)));
@@ -456,7 +521,7 @@ TEST_CASE("a marker that turns back on the spot is followed, and without the che
   for (const int n : {1, 10, 100}) {
     CAPTURE(n);
     const Outcome with = run(n, true, Polarity::told), without = run(n, false, Polarity::told),
-                  before = run(n, true, Polarity::unknown);
+                  unknown = run(n, true, Polarity::unknown), unchecked = run(n, false, Polarity::unknown);
     MESSAGE("n = " << n << ": " << with.contradicting << " contradicting; worst " << with.worst_px << " px, without "
                    << without.worst_px << " px; mean " << with.mean_px << ", " << without.mean_px << " px");
     CHECK(with.contradicting >= 7);          // seven times it turned back, unforeseen
@@ -465,9 +530,11 @@ TEST_CASE("a marker that turns back on the spot is followed, and without the che
     CHECK(with.worst_px < 1);
     CHECK(with.mean_px < 1.1 * without.mean_px);
     CHECK(without.contradicting == 0);
-    // Off: as if there were no check. That one takes its events one by one, which rounds in another way.
-    REQUIRE(without.poses.size() == before.poses.size());
-    for (std::size_t i = 0; i < before.poses.size(); ++i) REQUIRE(without.poses[i].isApprox(before.poses[i], 1e-9));
+    // Of unknown polarity: as if there were no check. That one takes its events one by one, which rounds in another
+    // way.
+    CHECK(unknown.contradicting == 0);
+    REQUIRE(unchecked.poses.size() == unknown.poses.size());
+    for (std::size_t i = 0; i < unknown.poses.size(); ++i) REQUIRE(unchecked.poses[i].isApprox(unknown.poses[i], 1e-9));
   }
 }
 
@@ -477,13 +544,13 @@ TEST_CASE("on the way back over its events a follower finds as few contradiction
                                       {.events_per_update = 20, .polarity_check = true});
   int there = 0, back = 0, flipped = 0;
   for (const PolarSight& event : events)
-    there += follower.push(event.m, event.t, event.on).match == MatchResult::contradicting;
+    there += follower.push(event.m, event.t, event.polarity).match == MatchResult::contradicting;
   EdgeFollower<KalmanUpdate> backward = follower, wrong = follower;
   backward.reverse();
   wrong.reverse();
   for (auto event = events.rbegin(); event != events.rend(); ++event) {
-    back += backward.push(event->m, 90'000 - event->t, event->on).match == MatchResult::contradicting;
-    flipped += wrong.push(event->m, 90'000 - event->t, !event->on).match == MatchResult::contradicting;
+    back += backward.push(event->m, 90'000 - event->t, event->polarity).match == MatchResult::contradicting;
+    flipped += wrong.push(event->m, 90'000 - event->t, -event->polarity).match == MatchResult::contradicting;
   }
   CHECK(there < 5);
   CHECK(back < 5);
@@ -500,9 +567,9 @@ TEST_CASE("events of the wrong polarity on a moving edge do not drag it along") 
     double sum = 0;
     int updates = 0;
     for (std::size_t i = 0; i < events.size(); ++i) {
-      const auto& [m, t, on] = events[i];
+      const auto& [m, t, polarity] = events[i];
       const Vector2d aside = i % 10 < 3 ? px(1, 1) : px(0, 0);
-      if (!follower.push(m + aside, t, i % 10 < 3 ? !on : on).updated) continue;
+      if (!follower.push(m + aside, t, i % 10 < 3 ? -polarity : polarity).updated) continue;
       sum += corner_error_px(follower.T_camera_marker(), zigzag(1e-6 * static_cast<double>(t)));
       ++updates;
     }
@@ -529,6 +596,7 @@ TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lea
     const EdgeFollower<Rule> start(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
                                    {.events_per_update = n});
     REQUIRE(start.in_groups());
+    const auto of_known_polarity = [](std::size_t event) { return event % 5 != 0; };
     EdgeFollower<Rule> one_by_one = start, grouped = start;
     std::mt19937 random(static_cast<unsigned>(n));
     std::size_t next = 0;
@@ -536,13 +604,17 @@ TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lea
     while (next < events.size()) {
       EventGroup group;
       const auto most = std::min({EventGroup::kMost, events.size() - next, std::size_t{1} + random() % 100});
-      group.fill(most, [&](std::size_t i) { return std::pair(events[next + i].m, events[next + i].t); });
+      group.fill(most, [&](std::size_t i) {
+        const PolarSight& event = events[next + i];
+        return std::tuple(event.m, event.t, of_known_polarity(next + i) ? event.polarity : 0.0);
+      });
       std::size_t first = 0;
       do {
         std::size_t told = first;
         first = grouped.push(group, first, [&](std::size_t i, const auto& result) {
           REQUIRE(i == told++);
-          const auto expected = one_by_one.push(events[next + i].m, events[next + i].t);
+          const PolarSight& event = events[next + i];
+          const auto expected = one_by_one.push(event.m, event.t, of_known_polarity(next + i) ? event.polarity : 0.0);
           REQUIRE(result.match == expected.match);
           REQUIRE(result.updated == expected.updated);
           REQUIRE(result.segment == expected.segment);

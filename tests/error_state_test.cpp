@@ -20,8 +20,8 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
     const Matrix12d root = Matrix12d::NullaryExpr([&] { return normal(random); });
     ErrorCovariance before;
     before.xx = root * root.transpose();
-    before.xo = Vector12d::NullaryExpr([&] { return normal(random); });
-    before.oo = 3;
+    for (Vector12d& column : before.xb) column = Vector12d::NullaryExpr([&] { return normal(random); });
+    before.bb = {{{3, 0.5}, {0.5, 2}}};
     const Vector6d of_pose = Vector6d::LinSpaced(1, 2), of_both = Vector6d::LinSpaced(-3, 5),
                    of_velocity = Vector6d::LinSpaced(7, 8);
 
@@ -41,8 +41,9 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
     });
     for (const ErrorCovariance& P : {narrow, wide}) {
       CHECK((P.xx - expected).norm() < 1e-13 * expected.norm());
-      CHECK((P.xo - F * before.xo).norm() < 1e-14 * before.xo.norm());
-      CHECK(P.oo == 3);
+      for (std::size_t b = 0; b < evmarker::kBiases; ++b)
+        CHECK((P.xb[b] - F * before.xb[b]).norm() < 1e-14 * before.xb[b].norm());
+      CHECK(P.bb == before.bb);
     }
   }
 }

@@ -4,6 +4,7 @@
 
 #include <limits>
 #include <numbers>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -78,7 +79,7 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   EventGroup group;
   group.fill(count, [&](std::size_t i) {
     const Vector2d other = m + Vector2d(random(-0.02, 0.02), random(-0.02, 0.02));
-    return std::pair(i == place ? m : other, Timestamp{7});
+    return std::tuple(i == place ? m : other, Timestamp{7}, 1.0);
   });
   const auto most = std::min(place + 1, LatticeMatcher::Choices::kMost),
              first = place + 1 - static_cast<std::size_t>(random.integer(1, static_cast<int>(most)));
@@ -96,7 +97,7 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   LatticeMatches matches;
   matches.count = static_cast<std::size_t>(random.integer(1, kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
-  matches.set(lane, m.x(), m.y(), 7, *careful.edge);
+  matches.set(lane, m.x(), m.y(), 7, -1, *careful.edge);
   Correspondences c;
   evmarker::correspond(lattice.projected(), matches, lattice.focal_length(), c);
   Correspondence found = expected;
@@ -106,7 +107,7 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   found.F = {c.F_x[lane], c.F_y[lane], c.F_z[lane]};
   found.E = {c.E_x[lane], c.E_y[lane], c.E_z[lane]};
   found.gradient = {c.g_x[lane], c.g_y[lane], c.g_z[lane]};
-  return agree(found, expected) && c.t[lane] == 7 && c.is_event[lane] == 1 && c.count == matches.count &&
+  return agree(found, expected) && c.t[lane] == 7 && c.polarity[lane] == -1 && c.is_event[lane] == 1 && c.count == matches.count &&
          evmarker::sum(c.is_event) == static_cast<double>(c.count);
 }
 

@@ -20,6 +20,7 @@ struct NoSettings {};
 struct SlideRule {
   using Settings = NoSettings;
   SlideRule(const Settings&, int events_per_update) : events(events_per_update) {}
+  void set_events_per_update(int events_per_update) noexcept { events = events_per_update; }
   void add(const Correspondence& c, const Eigen::Isometry3d&) noexcept { sum += c.distance_px; }
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
     T_camera_marker.translation().x() += 1e-3 * sum / events;
@@ -58,12 +59,24 @@ struct WithoutTime : SlideRule {
 struct WithoutEventsPerUpdate : SlideRule {
   explicit WithoutEventsPerUpdate(const Settings& settings) : SlideRule(settings, 1) {}
 };
+struct ThrowingSetEventsPerUpdate : SlideRule {
+  using SlideRule::SlideRule;
+  void set_events_per_update(int) {}
+};
 struct NotCopyable : SlideRule {
   using SlideRule::SlideRule;
   std::unique_ptr<int> owned;
 };
 struct WithoutSettings {
   WithoutSettings(const NoSettings&, int) {}
+  void set_events_per_update(int) noexcept {}
+  void add(const Correspondence&, const Eigen::Isometry3d&) noexcept {}
+  bool update(Eigen::Isometry3d&, Timestamp) noexcept { return true; }
+  void reverse() noexcept {}
+};
+struct WithFixedEventsPerUpdate {
+  using Settings = NoSettings;
+  WithFixedEventsPerUpdate(const Settings&, int) {}
   void add(const Correspondence&, const Eigen::Isometry3d&) noexcept {}
   bool update(Eigen::Isometry3d&, Timestamp) noexcept { return true; }
   void reverse() noexcept {}
@@ -104,6 +117,8 @@ static_assert(!PoseUpdateRule<SilentUpdate>);
 static_assert(!PoseUpdateRule<IntUpdate>);
 static_assert(!PoseUpdateRule<WithoutTime>);
 static_assert(!PoseUpdateRule<WithoutEventsPerUpdate>);
+static_assert(!PoseUpdateRule<ThrowingSetEventsPerUpdate>);
+static_assert(!PoseUpdateRule<WithFixedEventsPerUpdate>);
 static_assert(!PoseUpdateRule<NotCopyable>);
 static_assert(!PoseUpdateRule<WithoutSettings>);
 

@@ -61,13 +61,33 @@ TEST_CASE("an error passes up to both thresholds, and never as NaN") {
   CHECK_FALSE(verification.passes({std::numeric_limits<double>::quiet_NaN(), 0, 0}));
 }
 
+TEST_CASE("automatic: a small marker may come back turned by what moves its rim by the other threshold") {
+  const auto verification = [](double size_px, const VerificationSettings& settings) {
+    const Follower follower(make_square_marker(0.1), 500, facing_pose({0, 0, 0.1 * 500 / size_px}), {});
+    return Verification<DecoupledUpdate>(follower, settings);
+  };
+  const auto small = verification(32, {}), large = verification(200, {}),
+             coarse = verification(200, {.max_translation_px = 20}), told = verification(32, {.max_rotation_rad = 0.2});
+  CHECK(small.max_rotation_rad() == doctest::Approx(3 * 5.0 / 32));
+  CHECK(small.passes({0, 0.468, 0}));
+  CHECK_FALSE(small.passes({0, 0.47, 0}));
+  CHECK(large.max_rotation_rad() == 0.15);
+  CHECK(large.passes({0, 0.15, 0}));
+  CHECK_FALSE(large.passes({0, 0.151, 0}));
+  CHECK(coarse.max_rotation_rad() == doctest::Approx(0.3));
+  CHECK(told.max_rotation_rad() == 0.2);
+  CHECK_FALSE(told.passes({0, 0.201, 0}));
+}
+
 TEST_CASE("settings out of range are named") {
   const Follower follower(make_square_marker(0.1), 500, facing_pose({0, 0, 1}), {});
   using V = Verification<DecoupledUpdate>;
   CHECK_THROWS_WITH(V(follower, {.updates = 0}), doctest::Contains("updates is 0"));
   CHECK_THROWS_WITH(V(follower, {.every = 0}), doctest::Contains("every is 0"));
   CHECK_THROWS_WITH(V(follower, {.max_translation_px = -1}), doctest::Contains("max_translation_px is -1"));
-  CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = 0}), doctest::Contains("max_rotation_rad is 0"));
+  CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = -1}), doctest::Contains("max_rotation_rad is -1"));
+  CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = std::numeric_limits<double>::quiet_NaN()}),
+                    doctest::Contains("max_rotation_rad is nan"));
   CHECK_THROWS_WITH(V(follower, {.max_events = 0}), doctest::Contains("0"));
 }
 
@@ -146,4 +166,32 @@ TEST_CASE("verification leaves the forward tracker as it is") {
   }
   REQUIRE(verifications > 10);
   CHECK(alone.T_camera_marker().matrix() == verified.T_camera_marker().matrix());
+}
+
+TEST_CASE("a brief window is gone back over after some hundred events, and only the first is brief") {
+  const Trajectory motion = simulated::near_motion(33);
+  const auto events = simulated::near_events(motion, 0.2, 33);
+  const UndistortionTable lines(simulated::camera);
+  const auto verified_after = [&](VerificationWindow window) {
+    Follower follower(make_code_marker(simulated::kMarkerLength, simulated::code()), lines.focal_length(), motion(0),
+                      {.events_per_update = 100});
+    Verification<DecoupledUpdate> verification(follower, {.every = 1});
+    verification.start_window(follower, window);
+    std::vector<int> after;
+    int pushed = 0;
+    for (const Event& event : events) {
+      const auto [match, updated, segment] = follower.push(lines(event), event.t);
+      if (match == MatchResult::far) continue;
+      ++pushed;
+      if (verification.push(event, updated, follower, lines)) after.push_back(pushed);
+    }
+    return after;
+  };
+  const auto brief = verified_after(VerificationWindow::brief), full = verified_after(VerificationWindow::full);
+  REQUIRE(brief.size() > 2);
+  REQUIRE(full.size() > 1);
+  CHECK(brief[0] >= 500);
+  CHECK(brief[0] < 1500);
+  CHECK(full[0] > 10000);  // 100 updates of 100 events
+  CHECK(brief[1] > 10000);
 }
