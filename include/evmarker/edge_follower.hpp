@@ -116,7 +116,7 @@ class EdgeFollower {
   /// EdgeFollowerSettings::events_per_update. Between updates only.
   void expect_events_per_px2(double events) noexcept {
     if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
-      rule_.set_events_per_px(events * length_px());
+      rule_.set_events_per_px(events * length_px(), events);
       if (std::exchange(events_per_px2_, events) > 0) return;
       rule_.expect_events_per_px2(T_camera_marker_, events);
       start_from(T_camera_marker_);

@@ -150,8 +150,12 @@ class KalmanUpdate {
     return true;
   }
 
-  /// From here on, edges that all move by a pixel make so many events: what the events do not say has not moved.
-  void set_events_per_px(double events) noexcept { events_per_px_ = events; }
+  /// From here on, edges that all move by a pixel make so many events, those of one pixel in one passage together: what
+  /// the events do not say has not moved.
+  void set_events_per_px(double events, double together) noexcept {
+    events_per_px_ = events;
+    events_together_ = together;
+  }
 
   /// Takes it from how many events a pixel makes while an edge passes over it how far these trail: half a step of the
   /// contrast, of an edge that is blurred to about two pixels. Events that have not led to an update are forgotten.
@@ -294,7 +298,8 @@ class KalmanUpdate {
     most_motion_m_ = kInfinity;
     if (!(events_per_px_ > 0 && scales_known_)) return;
     constexpr double kSafety = 6;  // edges along the motion, hidden ones, fewer events of a fast edge
-    most_motion_m_ = kSafety * (events + 3 * std::sqrt(events)) / (events_per_px_ * std::sqrt(px_per_m2()));
+    const double deviation = std::sqrt((events + events_together_) * events_together_);
+    most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(px_per_m2()));
     const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
     const double expected = carried(dt) * std::max(speed(rotation_speed()), velocity_sigma);
     if (!(expected > most_motion_m_)) return;
@@ -338,6 +343,7 @@ class KalmanUpdate {
   Vector6d twist_ = Vector6d::Zero();
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
   double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
+  double events_together_ = 1;
   double events_per_px_ = 0;               // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
