@@ -5,6 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <random>
 #include <string>
@@ -150,21 +151,27 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
     const double R = settings.inflation * settings.inflation * spread2 / weight;
     // On the edge the derivative is that of its point E; beside it the edge also turns, which the row leaves out.
     const double tolerance = off_px == 0 ? 1e-6 : 0.02;
-    for (const bool dark_side_known : {false, true}) {
+    for (const auto& [dark_side_known, polarity] :
+         {std::pair{false, 0.0}, {false, 1.0}, {true, 0.0}, {true, 1.0}, {true, -1.0}}) {
       c.dark_side_known = dark_side_known;
+      c.polarity = polarity;
       KalmanUpdate rule(settings, 1);
       CHECK((rule.covariance().inverse() * P0 - Matrix6d::Identity()).norm() < 1e-12);
       rule.add(c, T);
       Isometry3d moved = T;
       REQUIRE(rule.update(moved, 5));
       const double offset2 = dark_side_known ? std::pow(settings.initial_sigma_offset_px, 2) : 0;
-      const double S = J.dot(P0 * J) + offset2 + R;
+      // ON events lie by the trail on the bright side of the offset, OFF events on the dark side.
+      const double trailing = dark_side_known ? -polarity : 0;
+      const double trail2 = std::pow(settings.initial_sigma_trail_px, 2);
+      const double S = J.dot(P0 * J) + offset2 + trailing * trailing * trail2 + R;
       const Matrix6d P = P0 - P0 * J * J.transpose() * P0 / S;
       CHECK((rule.covariance().inverse() * P - Matrix6d::Identity()).norm() < 10 * tolerance);
       const Vector6d expected = P0 * J * off_px / S;
       CHECK((error_of(T, moved) - expected).cwiseQuotient(sigma0).norm() <=
             tolerance * expected.cwiseQuotient(sigma0).norm() + 1e-9);
       CHECK(rule.edge_offset_px() == doctest::Approx(offset2 * off_px / S).epsilon(tolerance));
+      CHECK(rule.trail_px() == doctest::Approx(std::max(0.0, trailing * trail2 * off_px / S)).epsilon(tolerance));
       if (off_px != 0)  // toward the event
         CHECK(std::abs(ImageEdge(segment, moved).distance(kFocal * m)) < 0.9 * std::abs(off_px));
     }
@@ -177,24 +184,26 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
 TEST_CASE("many events, taken one by one or all at once: the textbook's gain of the stacked measurements") {
   const KalmanSettings settings{.latency_sigma_s = 1e-9, .trail_sigma_px = 1e-9, .covariance_scale = 1};
   const Isometry3d T = facing_pose({0.05, -0.02, 0.6}, {0.2, -0.3, 0.1});
-  Eigen::Matrix<double, 7, 7> P0 = Eigen::Matrix<double, 7, 7>::Zero();
+  Eigen::Matrix<double, 8, 8> P0 = Eigen::Matrix<double, 8, 8>::Zero();
   P0.diagonal() << Vector3d::Constant(std::pow(settings.initial_sigma_t_m, 2)),
-      Vector3d::Constant(std::pow(settings.initial_sigma_r_rad, 2)), std::pow(settings.initial_sigma_offset_px, 2);
+      Vector3d::Constant(std::pow(settings.initial_sigma_r_rad, 2)), std::pow(settings.initial_sigma_offset_px, 2),
+      std::pow(settings.initial_sigma_trail_px, 2);
   for (const int n : {1, 2, 5, 10, 11, 12, 60}) {
     CAPTURE(n);
     ExactEvents events(33);
     SegmentMatcher matcher(kCode, kFocal);
     REQUIRE(matcher.project(T));
     KalmanUpdate rule(settings, n);
-    Eigen::MatrixXd J(n, 7);
+    Eigen::MatrixXd J(n, 8);
     Eigen::VectorXd d(n), weight(n);
     double spread2 = 1;
     for (int i = 0; i < n;) {
       Correspondence c;
       if (matcher.match(events.next(T, 0.4 * std::sin(i + 1)), c) != MatchResult::matched) continue;
+      c.polarity = i % 3 == 0 ? 1 : i % 3 == 1 ? -1 : 0;
       rule.add(c, T);
       const Vector3d lever = c.E - T.translation();
-      J.row(i) << c.gradient.transpose(), lever.cross(c.gradient).transpose(), 1;
+      J.row(i) << c.gradient.transpose(), lever.cross(c.gradient).transpose(), 1, -c.polarity;
       d(i) = c.distance_px;
       weight(i) = 1 / (1 + d(i) * d(i));
       spread2 += 0.001 * (d(i) * d(i) - spread2);
@@ -211,6 +220,7 @@ TEST_CASE("many events, taken one by one or all at once: the textbook's gain of 
     REQUIRE(expected.head<6>().cwiseQuotient(sigma).norm() > 1e-3);
     CHECK((error_of(T, moved) - expected.head<6>()).cwiseQuotient(sigma).norm() < 1e-6);
     CHECK(rule.edge_offset_px() == doctest::Approx(expected(6)));
+    CHECK(rule.trail_px() == doctest::Approx(std::max(0.0, expected(7))));
     CHECK((rule.covariance().inverse() * P.topLeftCorner<6, 6>() - Matrix6d::Identity()).norm() < 1e-4);
   }
 }
@@ -266,6 +276,166 @@ TEST_CASE("events beside their edges become an edge offset, not a bias of the po
   ExactEvents events(52);
   follow(ignorant, events, still, 20000, 0, 10, 0.5);
   CHECK(ignorant.rule().edge_offset_px() == 0);
+}
+
+namespace {
+
+// To and fro, while it turns, ten times a second.
+Isometry3d swaying(double seconds) {
+  const double w = 2 * std::numbers::pi * 10 * seconds;
+  return perturbed(kTruth, step(Vector3d(0.012 * std::sin(w), 0.010 * std::cos(w), 0.010 * std::sin(w)),
+                                Vector3d(0.05 * std::cos(w), 0.05 * std::sin(w), 0.1 * std::sin(w))));
+}
+
+struct PolarSight {
+  Vector2d m;
+  Timestamp t;
+  double polarity;
+};
+
+// Events of that motion, the more the faster an edge moves. An edge that moves toward the dark makes ON events at
+// offset_px - trail_px, one that moves out of it OFF events at offset_px + trail_px.
+std::vector<PolarSight> trailing_events(Timestamp end, double offset_px, double trail_px) {
+  std::mt19937 random(71);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::vector<PolarSight> events;
+  for (Timestamp t = 2; t < end; t += 2) {
+    const MarkerSegment& segment = kCode.segments[random() % kCode.segments.size()];
+    const double seconds = 1e-6 * static_cast<double>(t), place = 0.15 + 0.7 * unit(random);
+    const ImageEdge edge(segment, swaying(seconds));
+    const Vector3d point = (1 - place) * kCode.vertices[static_cast<std::size_t>(segment.from)] +
+                           place * kCode.vertices[static_cast<std::size_t>(segment.to)];
+    const Vector2d now = image(swaying(seconds) * point);
+    const double speed_px_s = 1e6 * edge.normal.dot(now - image(swaying(seconds - 1e-6) * point));
+    if (std::abs(speed_px_s) < 1500 * unit(random)) continue;
+    const double polarity = speed_px_s > 0 ? 1 : -1;
+    events.push_back({(now + (offset_px - polarity * trail_px) * edge.normal) / kFocal, t, polarity});
+  }
+  return events;
+}
+
+enum class Polarity { told, unknown };
+
+// Mean error of the translation [m] from 0.1 s on.
+double mean_error(Follower& follower, const std::vector<PolarSight>& events, Polarity polarity) {
+  double sum = 0;
+  int poses = 0;
+  for (const PolarSight& event : events) {
+    const bool updated = follower.push(event.m, event.t, polarity == Polarity::told ? event.polarity : 0).updated;
+    REQUIRE(follower.rule().trail_px() >= 0);
+    if (!updated || event.t < 100000) continue;
+    sum += translation_error(follower.T_camera_marker(), swaying(1e-6 * static_cast<double>(event.t)));
+    ++poses;
+  }
+  REQUIRE(poses > 100);
+  return sum / poses;
+}
+
+}  // namespace
+
+TEST_CASE("how far events trail is learned when the motion turns, and the pose does not trail") {
+  for (const auto& [offset_px, trail_px] : {std::pair{0.0, 0.4}, {0.2, 0.4}, {-0.2, 0.2}, {0.2, 0.0}})
+    for (const int n : {1, 20, 100}) {
+      CAPTURE(offset_px);
+      CAPTURE(trail_px);
+      CAPTURE(n);
+      const auto events = trailing_events(500000, offset_px, trail_px);
+      REQUIRE(events.size() > 20000);
+      Follower with = follower(swaying(0), n), without = with;
+      const double error = mean_error(with, events, Polarity::told),
+                   trailing = mean_error(without, events, Polarity::unknown);
+      MESSAGE("n = " << n << ", " << events.size() << " events: trail " << with.rule().trail_px() << " of " << trail_px
+                     << " px, offset " << with.rule().edge_offset_px() << " of " << offset_px << " px, error "
+                     << 1e3 * error << " mm, without polarity " << 1e3 * trailing << " mm");
+      CHECK(std::abs(with.rule().trail_px() - trail_px) < 0.01);
+      CHECK(std::abs(with.rule().edge_offset_px() - offset_px) < 0.01);
+      CHECK(without.rule().trail_px() == 0);
+      if (trail_px > 0) CHECK(error < 0.6 * trailing);
+
+      // The way back: the same events lie at the same places.
+      Follower back = with;
+      back.reverse();
+      CHECK(back.rule().trail_px() == with.rule().trail_px());
+      CHECK(back.rule().edge_offset_px() == with.rule().edge_offset_px());
+      for (auto event = events.rbegin(); event != events.rend(); ++event)
+        back.push(event->m, 2 * events.back().t - event->t, event->polarity);
+      CHECK(std::abs(back.rule().trail_px() - trail_px) < 0.05);
+      CHECK(translation_error(back.T_camera_marker(), swaying(0)) < 1e-3);
+    }
+}
+
+TEST_CASE("no event comes before its edge: the trail is never negative") {
+  const auto events = trailing_events(300000, 0, -0.3);
+  Follower fed = follower(swaying(0), 10);
+  double most = 0;
+  for (const PolarSight& event : events) {
+    fed.push(event.m, event.t, event.polarity);
+    REQUIRE(fed.rule().trail_px() >= 0);
+    if (event.t > 100000) most = std::max(most, fed.rule().trail_px());
+  }
+  MESSAGE("at most " << most << " px");
+  CHECK(most < 0.002);
+}
+
+TEST_CASE("the trail's first guess: half of a contrast step of an edge that is two pixels wide") {
+  for (const double per_px2 : {1.0, 3.0, 10.0}) {
+    KalmanUpdate rule({}, 10);
+    Isometry3d T = kTruth;
+    rule.add(matched(T), T);  // forgotten
+    rule.expect_events_per_px2(T, per_px2);
+    const double guess = 2.1 / (2 * per_px2), variance = 0.3 * 0.3;
+    CHECK(rule.trail_px() == doctest::Approx(guess * variance / (variance + 0.25 * guess * guess)));
+    CHECK(rule.edge_offset_px() == 0);
+    CHECK(T.matrix() == kTruth.matrix());
+  }
+}
+
+TEST_CASE("what the events do not say has not moved: after a rest the pose stays, and is known") {
+  const Vector3d v(0.25, -0.15, 0.2), w(0.8, -0.6, 1.5);
+  const Trajectory motion = trajectory::linear(kTruth, v, w);
+  constexpr double kEventsPerPx = 300;  // 100000 events in a second, 0.35 m/s, about 890 px/m
+  for (const int n : {1, 10, 100}) {
+    Follower moving = follower(kTruth, n);
+    ExactEvents events(72);
+    const Timestamp stop = follow(moving, events, motion, 10000, 0);
+    const Isometry3d rest = motion(1e-6 * static_cast<double>(stop));
+    REQUIRE(moving.rule().twist().head<3>().norm() > 0.25);
+    for (const Timestamp pause : {50'000, 1'000'000, 60'000'000}) {
+      CAPTURE(n);
+      CAPTURE(pause);
+      const auto rested = [&](bool known) {
+        KalmanUpdate rule = moving.rule();
+        if (known) rule.set_events_per_px(kEventsPerPx);
+        Isometry3d T = moving.T_camera_marker();
+        SegmentMatcher matcher(kCode, kFocal);
+        REQUIRE(matcher.project(T));
+        for (int i = 0; i < n;) {
+          Correspondence c;
+          if (matcher.match(events.next(rest), c) != MatchResult::matched) continue;
+          c.t = stop + pause;
+          rule.add(c, T);
+          ++i;
+        }
+        REQUIRE(rule.update(T, stop + pause));
+        return std::pair(T, rule);
+      };
+      const auto [T, rule] = rested(true);
+      const auto [T_unbounded, unbounded] = rested(false);
+      const Vector6d sigma = sigmas(rule.covariance()), sigma_unbounded = sigmas(unbounded.covariance());
+      MESSAGE("n = " << n << ", " << 1e-6 * static_cast<double>(pause) << " s: " << 1e3 * translation_error(T, rest)
+                     << " mm, sigma " << 1e3 * sigma.head<3>().maxCoeff() << " mm, " << rule.twist().head<3>().norm()
+                     << " m/s; unbounded " << 1e3 * translation_error(T_unbounded, rest) << " mm, "
+                     << 1e3 * sigma_unbounded.head<3>().maxCoeff() << " mm, " << unbounded.twist().head<3>().norm()
+                     << " m/s");
+      CHECK(translation_error(T, rest) < 0.0006);
+      CHECK(rotation_error(T, rest) < 0.02);
+      CHECK(rule.twist().head<3>().norm() < 0.1);
+      CHECK(sigma.allFinite());
+      CHECK(sigma.head<3>().maxCoeff() < 0.0013);
+      CHECK(sigma.head<3>().maxCoeff() < sigma_unbounded.head<3>().maxCoeff());
+      CHECK(least_eigenvalue(rule.covariance()) > 0);
+    }
+  }
 }
 
 TEST_CASE("constant motion: velocity of the marker's origin and turn rate, both in the camera frame") {
@@ -590,8 +760,9 @@ TEST_CASE("impossible settings are refused with field and value") {
       {"initial_sigma_r_rad", &KalmanSettings::initial_sigma_r_rad},
       {"initial_sigma_v_m_s", &KalmanSettings::initial_sigma_v_m_s},
       {"initial_sigma_w_rad_s", &KalmanSettings::initial_sigma_w_rad_s},
-      {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px}};
-  static_assert(sizeof(KalmanSettings) == 15 * sizeof(double));  // none is left out
+      {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
+      {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px}};
+  static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2.000000"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},
