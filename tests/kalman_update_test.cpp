@@ -405,7 +405,7 @@ TEST_CASE("what the events do not say has not moved: after a rest the pose stays
       CAPTURE(pause);
       const auto rested = [&](bool known) {
         KalmanUpdate rule = moving.rule();
-        if (known) rule.set_events_per_px(kEventsPerPx);
+        if (known) rule.set_events_per_px(kEventsPerPx, 1);
         Isometry3d T = moving.T_camera_marker();
         SegmentMatcher matcher(kCode, kFocal);
         REQUIRE(matcher.project(T));
