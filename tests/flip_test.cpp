@@ -2,7 +2,6 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -15,7 +14,6 @@
 #include "evmarker/event_stream.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/marker_tracker.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "evmarker/trajectory.hpp"
 
 using namespace evmarker;
@@ -58,8 +56,9 @@ constexpr double kFocal = 100, kCentre = 63.5, kSide = 0.3, kStart_us = 100000, 
 const PinholeCamera camera{{128, 128}, kFocal, kFocal, kCentre, kCentre};
 
 // Follows the square from 0.1 to 1.95 s and compares its centre and in-plane angle with the reference.
+// @param share of the reference's moments at which the latest pose must be `tracking` and right
 template <PoseUpdateRule Rule>
-void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, std::chrono::microseconds filter_window) {
+void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, double share) {
   const std::filesystem::path folder = std::filesystem::path(EVMARKER_SHARED_DATA) / "flip";
   if (!std::filesystem::exists(folder / "events.csv")) {
     MESSAGE("skipped: no " << (folder / "events.csv").string());
@@ -73,14 +72,20 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, std::chrono::m
       {(start.x - kCentre) / kFocal * depth, (start.y - kCentre) / kFocal * depth, depth}, {0, 0, start.angle_rad});
 
   MarkerTracker<Rule> tracker(camera, make_square_marker(kSide), T_start, settings);
-  SpatiotemporalFilter filter(camera.sensor_size(), filter_window);
   io::CsvReader recording(folder / "events.csv", {.sensor_size = camera.sensor_size()});
   int poses = 0;
   double worst_px = 0, worst_deg = 0, turned = 0, angle_before = start.angle_rad, t_last = kStart_us;
   TrackingState state = TrackingState::converging;
+  double off_px = 0, off_deg = 0;
+  int moments = 0, right = 0;
+  auto moment = std::ranges::lower_bound(fits, kStart_us, {}, &Fit::t_us);
   for_each_event(recording, [&](const Event& event) {
     const auto t = static_cast<double>(event.t);
-    if (!filter.accept(event) || t < kStart_us || t > kEnd_us) return;
+    if (t < kStart_us || t > kEnd_us) return;
+    for (; moment != fits.end() && moment->t_us <= t; ++moment) {
+      ++moments;
+      right += state == TrackingState::tracking && off_px < 3 && off_deg < 10;
+    }
     const auto pose = tracker.push(event);
     if (!pose) return;
     ++poses;
@@ -92,14 +97,18 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, std::chrono::m
     turned += wrap_angle(angle - angle_before);
     angle_before = angle;
     const Fit reference = at(fits, t);
-    worst_px = std::max(worst_px, std::hypot(centre.x() - reference.x, centre.y() - reference.y));
-    worst_deg = std::max(worst_deg, std::abs(wrap_angle(angle - reference.angle_rad)) * 180 / std::numbers::pi);
+    off_px = std::hypot(centre.x() - reference.x, centre.y() - reference.y);
+    off_deg = std::abs(wrap_angle(angle - reference.angle_rad)) * 180 / std::numbers::pi;
+    worst_px = std::max(worst_px, off_px);
+    worst_deg = std::max(worst_deg, off_deg);
   });
   CHECK(recording.statistics().events == 175136);
   MESSAGE(poses << " poses, centre within " << worst_px << " px, angle within " << worst_deg << " deg, turned "
-                << turned * 180 / std::numbers::pi << " deg");
+                << turned * 180 / std::numbers::pi << " deg; right at " << right << " of " << moments << " moments");
   CHECK(state == TrackingState::tracking);
-  CHECK(poses > 20000 / settings.events_per_update);
+  CHECK(poses > 1000);
+  REQUIRE(moments > 100);
+  CHECK(right >= share * moments);
   CHECK(t_last > 1.92e6);  // ten events take up to 30 ms there
   CHECK(worst_px < 3);
   CHECK(worst_deg < 10);
@@ -110,21 +119,10 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, std::chrono::m
 
 }  // namespace
 
-TEST_CASE("the real flip is followed through its whole roll by the paper's rule") {
-  // At 32 px a pixel at the corners is 1/16 rad: the paper's 0.15 rad, summed over three axes, is below the noise of so
-  // small a square. The outline's inner edge makes events near the model that belong to no edge of it. And 100 events
-  // are too much motion between poses on a 128 x 128 sensor.
-  for (const int n : {1, 5, 10}) {
-    CAPTURE(n);
-    follow_the_flip<DecoupledUpdate>(
-        {.events_per_update = n, .verification = {.max_rotation_rad = 0.5}, .min_matched_fraction = 0},
-        std::chrono::milliseconds(5));
-  }
+TEST_CASE("the real flip is followed through its whole roll by the paper's rule with the settings it comes with") {
+  follow_the_flip<DecoupledUpdate>({}, 0.96);  // measured 124 of 128; the first moments pass until it is verified
 }
 
 TEST_CASE("the real flip is followed through its whole roll by the Kalman rule with the settings it comes with") {
-  for (const int n : {1, 5, 10}) {
-    CAPTURE(n);
-    follow_the_flip<KalmanUpdate>({.events_per_update = n}, std::chrono::milliseconds(2));
-  }
+  follow_the_flip<KalmanUpdate>({}, 0.97);  // measured 125 of 128
 }

@@ -71,12 +71,12 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   const Trajectory motion = simulated::near_motion(42);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.2, 42));
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
-  // The cells' events are near the outline and belong to no edge of it.
-  const AccuracyMeter papers =
-      track(MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.min_matched_fraction = 0}), events,
-            motion);
-  const AccuracyMeter ours = track(
-      MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.min_matched_fraction = 0}), events, motion);
+  // The cells' events are near the outline and belong to no edge of it: evidence against a square, and rightly so.
+  const TrackHealthSettings patient{.false_alarm_rate = 1e-300};
+  const AccuracyMeter papers = track(
+      MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter ours =
+      track(MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   for (const AccuracyMeter* meter : {&papers, &ours}) {
     REQUIRE(meter->tracking() > 200);
     CHECK(meter->translation_mm().mean < 15);
@@ -230,8 +230,6 @@ TEST_CASE("what is said to stay stays, whatever the next events are") {
   const MarkerTrackerSettings<> settings{.events_per_update = 50,
                                          .verification = {.updates = 5, .min_events = 100, .max_events = 1024},
                                          .converging_events = 1000,
-                                         .min_matched_fraction = 0.6,
-                                         .matched_fraction_events = 100,
                                          .start_search = {}};
   auto tracker = code_tracker(detected(motion(0)), settings);
   const auto beside = [](Event event) {
@@ -352,10 +350,10 @@ TEST_CASE("what cannot work is refused by name") {
   const auto make = [&](const Settings& settings) {
     return MarkerTracker<DecoupledUpdate>(simulated::camera, square, pose, settings);
   };
-  CHECK_THROWS_WITH(make({.events_per_update = 0}), doctest::Contains("events_per_update is 0"));
+  CHECK_THROWS_WITH(make({.events_per_update = -1}), doctest::Contains("events_per_update is -1"));
   CHECK_THROWS_WITH(make({.converging_events = -1}), doctest::Contains("converging_events is -1"));
-  CHECK_THROWS_WITH(make({.min_matched_fraction = 1}), doctest::Contains("min_matched_fraction"));
-  CHECK_THROWS_WITH(make({.matched_fraction_events = 0}), doctest::Contains("matched_fraction_events is 0"));
+  CHECK_THROWS_WITH(make({.health = {.false_alarm_rate = 0}}), doctest::Contains("false_alarm_rate is 0"));
+  CHECK_THROWS_WITH(make({.health = {.false_alarm_rate = 0.5}}), doctest::Contains("false_alarm_rate is 0.5"));
   CHECK_THROWS_WITH(make({.update = {.translation_gain = -2}}), doctest::Contains("translation_gain is -2"));
   CHECK_THROWS_WITH(MarkerTracker(simulated::camera, square, facing_pose({0, 0, -1})), doctest::Contains("in front"));
   CHECK_THROWS_WITH(MarkerTracker(simulated::camera, MarkerModel{}, pose), doctest::Contains("no segments"));

@@ -69,6 +69,6 @@ TEST_CASE("a marker's paper hides what is farther away, once the marker is track
   CHECK_FALSE(hidden_by(near, before, centre()));
   CHECK_FALSE(hidden_by(near, tracker, centre()));
   CHECK_FALSE(hidden_by(0, behind, centre()));
-  tracker.lose();
+  tracker.lose(LossReason::hidden);
   CHECK(paper_nearness(tracker, centre()) == 0);
 }

@@ -138,7 +138,7 @@ TEST_CASE("a single wrong time changes nothing in the tracker of one marker") {
     check_single_faults(
         [&] {
           return MarkerTracker<>(simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()),
-                                 motion()(0), {.events_per_update = n, .capture = std::nullopt});
+                                 motion()(0), {.events_per_update = n, .start_search = std::nullopt});
         },
         static_cast<std::size_t>(3000 / n));
   }
