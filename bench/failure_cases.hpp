@@ -125,12 +125,11 @@ inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& e
   const PinholeCamera camera = failure_camera();
   const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
   Tracker::Settings judging;
-  judging.max_silent_share = 1;
+  judging.health.false_alarm_rate = 1e-300;  // the paper's verification alone judges
   judging.start_search.reset();         // a bad start is to stay bad
   judging.verification.every = 1;  // to see the signal all the time, as in the paper's figure
   Tracker::Settings never_stopped = judging;
   never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;
-  never_stopped.min_matched_fraction = 0;
   Tracker judged(camera, model, failure.T_start, judging), shown(camera, model, failure.T_start, never_stopped);
 
   const auto truth = [&](Timestamp t) { return failure.motion(static_cast<double>(t) * 1e-6); };
