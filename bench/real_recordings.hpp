@@ -46,8 +46,7 @@ template <typename Settings>
 Settings settings(const Trial& trial) {
   Settings s;
   if (trial.events_per_update) s.marker.events_per_update = *trial.events_per_update;
-  if constexpr (requires { s.filter_window; })
-    if (trial.filter_window) s.filter_window = *trial.filter_window;
+  if (trial.filter_window) s.filter_window = *trial.filter_window;
   return s;
 }
 

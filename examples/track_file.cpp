@@ -115,7 +115,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   if (!options.wireframe.empty()) {
     const Wireframe body = options.load_body();
     Run run(options, camera, columns);
-    FollowedBody<Rule> tracker(camera, body, {settings.marker});
+    FollowedBody<Rule> tracker(camera, body, {settings.filter_window, settings.marker});
     run(
         tracker, [&](MarkerId) { return body.model; },
         "the body was not found: it must move to be seen; is it where --start or the file's `start` says?");

@@ -73,8 +73,8 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
   // The cells' events are near the outline and belong to no edge of it: evidence against a square, and rightly so.
   const TrackHealthSettings patient{.false_alarm_rate = 1e-300};
-  const AccuracyMeter papers =
-      track(MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter papers = track(
+      MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   const AccuracyMeter ours =
       track(MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   for (const AccuracyMeter* meter : {&papers, &ours}) {
