@@ -126,8 +126,9 @@ inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& e
   const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
   Tracker::Settings judging;
   judging.health.false_alarm_rate = 1e-300;  // the paper's verification alone judges
-  judging.start_search.reset();         // a bad start is to stay bad
-  judging.verification.every = 1;  // to see the signal all the time, as in the paper's figure
+  judging.converging_events = 2000;          // the first updates, which the paper ignores
+  judging.start_search.reset();              // a bad start is to stay bad
+  judging.verification.every = 1;            // to see the signal all the time, as in the paper's figure
   Tracker::Settings never_stopped = judging;
   never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;
   Tracker judged(camera, model, failure.T_start, judging), shown(camera, model, failure.T_start, never_stopped);

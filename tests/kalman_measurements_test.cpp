@@ -10,8 +10,8 @@
 
 using evmarker::ErrorCovariance;
 using evmarker::ErrorState;
-using evmarker::kBiases;
 using evmarker::KalmanMeasurements;
+using evmarker::kBiases;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using evmarker::MeasurementRow;
 
@@ -101,8 +101,7 @@ TEST_CASE("many measurements that tell of a few directions only leave what is kn
     const auto place = static_cast<std::size_t>(b);
     CHECK(std::abs(error.b[place] - expected(6 + b)) < 1e-12);
     CHECK((P.xb[place].head<6>() - left.block<6, 1>(0, 6 + b)).norm() < 1e-12);
-    for (int c = 0; c < 2; ++c)
-      CHECK(std::abs(P.bb[place][static_cast<std::size_t>(c)] - left(6 + b, 6 + c)) < 1e-12);
+    for (int c = 0; c < 2; ++c) CHECK(std::abs(P.bb[place][static_cast<std::size_t>(c)] - left(6 + b, 6 + c)) < 1e-12);
   }
   // ON events alone tell only the difference of the two biases.
   CHECK(P.bb[0][0] > 1);

@@ -858,11 +858,12 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
     CHECK(looks == 25);
     CHECK(grew > 15);
     // The velocity that it had when events ceased is uncertain, and carries it on for velocity_memory_s.
-    // Ten events that are noise move it, a hundred have not come by then: 14 mm at most with forty seeds.
-    CHECK(kept < (n == 100 ? 0.001 : 0.015));
-    CHECK(asked < 0.015);
+    // Ten events that are noise come in a rest, a hundred do not. They say that hardly anything has moved: measured
+    // 0.56 mm where it was 14 mm, with a sigma of 3 mm for 10 mm.
+    CHECK(kept < (n == 100 ? 0.001 : 0.002));
+    CHECK(asked < 0.005);
     CHECK(asked < 3 * sigma.head<3>().norm());
-    CHECK(sigma.head<3>().maxCoeff() > 0.005);
+    CHECK(sigma.head<3>().maxCoeff() > 0.002);
     REQUIRE(poses_after > 100);  // it goes on
     CHECK(after < 0.005);
   }

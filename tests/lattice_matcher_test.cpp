@@ -107,8 +107,8 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
   found.F = {c.F_x[lane], c.F_y[lane], c.F_z[lane]};
   found.E = {c.E_x[lane], c.E_y[lane], c.E_z[lane]};
   found.gradient = {c.g_x[lane], c.g_y[lane], c.g_z[lane]};
-  return agree(found, expected) && c.t[lane] == 7 && c.polarity[lane] == -1 && c.is_event[lane] == 1 && c.count == matches.count &&
-         evmarker::sum(c.is_event) == static_cast<double>(c.count);
+  return agree(found, expected) && c.t[lane] == 7 && c.polarity[lane] == -1 && c.is_event[lane] == 1 &&
+         c.count == matches.count && evmarker::sum(c.is_event) == static_cast<double>(c.count);
 }
 
 void compare(const LatticeMatcher& lattice, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {

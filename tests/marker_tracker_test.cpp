@@ -73,8 +73,8 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
   // The cells' events are near the outline and belong to no edge of it: evidence against a square, and rightly so.
   const TrackHealthSettings patient{.false_alarm_rate = 1e-300};
-  const AccuracyMeter papers = track(
-      MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter papers =
+      track(MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   const AccuracyMeter ours =
       track(MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   for (const AccuracyMeter* meter : {&papers, &ours}) {
@@ -86,13 +86,14 @@ TEST_CASE("the outline alone is tracked too, only less well") {
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));
-  MarkerTracker tracker = code_tracker(detected(motion(0)), {.converging_events = 3000, .start_search = std::nullopt});
+  MarkerTracker tracker = code_tracker(
+      detected(motion(0)), {.events_per_update = 100, .converging_events = 3000, .start_search = std::nullopt});
   int poses = 0;
   for (const Event& event : events) {
     const auto pose = tracker.push(event);
     if (!pose) continue;
     ++poses;
-    CHECK(pose->quality.state == (poses <= 30 ? TrackingState::converging : TrackingState::tracking));
+    CHECK(pose->quality.state == (poses < 30 ? TrackingState::converging : TrackingState::tracking));
     CHECK(pose->id == 7);
     CHECK(pose->t == event.t);
     CHECK(pose->quality.matched == 100);
@@ -229,6 +230,7 @@ TEST_CASE("what is said to stay stays, whatever the next events are") {
   // Small rings, for copies, and windows that are short: ways back end often.
   const MarkerTrackerSettings<> settings{.events_per_update = 50,
                                          .verification = {.updates = 5, .min_events = 100, .max_events = 1024},
+                                         .health = {.false_alarm_rate = 0.05},
                                          .converging_events = 1000,
                                          .start_search = {}};
   auto tracker = code_tracker(detected(motion(0)), settings);

@@ -2,8 +2,8 @@
 
 #include <doctest/doctest.h>
 
-#include "evmarker/trajectory.hpp"
 #include "evmarker/so3.hpp"
+#include "evmarker/trajectory.hpp"
 
 using namespace evmarker;
 

@@ -68,13 +68,13 @@ class EdgeActivity {
   void restart() noexcept { restart(false); }
 
  private:
-  static constexpr double kDistance = 1;    // [px] mean way of the edges that is enough to judge them
-  static constexpr double kJitter_px = 0.5; // an edge may seem to move that far by the error of the pose
-  static constexpr double kHidden = 0.1;    // share of its events that a hidden edge makes: of what hides it
-  static constexpr double kMost = 3;        // that one edge can say: its contrast may have changed
-  static constexpr double kFading = 0.9;    // of the history, for every answer
+  static constexpr double kDistance = 1;      // [px] mean way of the edges that is enough to judge them
+  static constexpr double kJitter_px = 0.5;   // an edge may seem to move that far by the error of the pose
+  static constexpr double kHidden = 0.1;      // share of its events that a hidden edge makes: of what hides it
+  static constexpr double kMost = 3;          // that one edge can say: its contrast may have changed
+  static constexpr double kFading = 0.9;      // of the history, for every answer
   static constexpr double kLeastRate = 1e-6;  // [1/px^2]
-  static constexpr double kGrazing = 0.3;   // cosine of the angle between a side's normal and the line of sight
+  static constexpr double kGrazing = 0.3;     // cosine of the angle between a side's normal and the line of sight
 
   struct Edge {
     Eigen::Vector2d middle{0, 0}, along{0, 0};  // [px]

@@ -76,8 +76,7 @@ class EdgeFollower {
   // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
   // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
   // be done. A quarter of the time.
-  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t,
-                                     double polarity = 0) noexcept {
+  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t, double polarity = 0) noexcept {
     if (!matcher_.on_lattice()) [[unlikely]]
       return search(m, t, polarity);
     return take(m, t, polarity, matcher_.choose(m));
@@ -172,14 +171,15 @@ class EdgeFollower {
   // more than the marker moves: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
-  // Called where nothing has been collected. However fast the marker is: a tenth as many events as its edges are long in
-  // the image move it by half a pixel at most.
+  // Called where nothing has been collected. However fast the marker is: a tenth as many events as its edges are long
+  // in the image move it by half a pixel at most.
   void limit_moves() noexcept {
     const double length_px = this->length_px();
     if (automatic_) {
       const double events = std::clamp(kMotion_px * std::max(events_per_px2_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
       // Not for every small change of the distance.
-      if (std::abs(events - events_per_update_) > events_per_update_ / 8.0) set_events_per_update(static_cast<int>(events));
+      if (std::abs(events - events_per_update_) > events_per_update_ / 8.0)
+        set_events_per_update(static_cast<int>(events));
     }
     const double updates = std::min(kChoiceHolds, length_px / 10) / events_per_update_;
     moves_at_most_ = updates > 1 ? static_cast<int>(updates) : 1;

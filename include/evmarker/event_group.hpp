@@ -8,8 +8,8 @@
 
 namespace evmarker {
 
-/// Some events by their lines of sight (x, y; 1), times and polarities, followed by ones that mean nothing: whole lanes may be read
-/// from any of them on.
+/// Some events by their lines of sight (x, y; 1), times and polarities, followed by ones that mean nothing: whole lanes
+/// may be read from any of them on.
 class EventGroup {
  public:
   static constexpr std::size_t kMost = 8 * kLanes;
@@ -19,8 +19,8 @@ class EventGroup {
   // Not initialised: that would take as long as a fifth of the matching.
   EventGroup() noexcept {}
 
-  /// Takes `count` events, the first of them with number 0. `event(i)` is the line of sight, the time and the polarity (1 ON, -1 OFF, 0
-  /// unknown) of one.
+  /// Takes `count` events, the first of them with number 0. `event(i)` is the line of sight, the time and the polarity
+  /// (1 ON, -1 OFF, 0 unknown) of one.
   template <typename EventOf>
   [[gnu::always_inline]] void fill(std::size_t count, const EventOf& event) noexcept {
     count_ = count;

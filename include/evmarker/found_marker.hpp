@@ -74,7 +74,8 @@ class FoundMarker {
   static constexpr int kToDecide = 2000;  // matched events by which one of two poses is chosen
 
   static MarkerTrackerSettings<Rule> deciding(MarkerTrackerSettings<Rule> settings, const MarkerDetection& detection) {
-    if (detection.T_camera_marker_alternative) settings.converging_events = std::max(settings.converging_events, kToDecide);
+    if (detection.T_camera_marker_alternative)
+      settings.converging_events = std::max(settings.converging_events, kToDecide);
     return settings;
   }
 

@@ -26,7 +26,8 @@ class KalmanMeasurements {
   }
 
   /// The same for the first `count` of a lane each; the others must be finite.
-  [[gnu::always_inline]] void add(const std::array<Lanes, MeasurementRows::kNumbers>& rows, const Lanes& weights, std::size_t count) noexcept {
+  [[gnu::always_inline]] void add(const std::array<Lanes, MeasurementRows::kNumbers>& rows, const Lanes& weights,
+                                  std::size_t count) noexcept {
     if (waiting_ + kLanes > kMost) add_squares();
     for (std::size_t j = 0; j < kNumbers; ++j)
       for (std::size_t i = 0; i < kLanes; ++i) rows_.row[j][waiting_ + i] = rows[j][i];

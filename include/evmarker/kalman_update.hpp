@@ -27,8 +27,7 @@ class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
 
-  KalmanUpdate(const Settings& settings, int events_per_update)
-      : settings_(settings) {
+  KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
     set_events_per_update(events_per_update);
     const auto require = [](double value, const char* name) {
       if (!(std::isfinite(value) && value > 0))
@@ -65,8 +64,8 @@ class KalmanUpdate {
     scales_share_ = 1 - std::pow(0.99, events);
   }
 
-  /// Adds one event's row J = [g, (E - T) x g, s, -s p] of the measurement, g how its edge moves along the image normal,
-  /// p the event's polarity.
+  /// Adds one event's row J = [g, (E - T) x g, s, -s p] of the measurement, g how its edge moves along the image
+  /// normal, p the event's polarity.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, trailing = -s * c.polarity;
@@ -141,7 +140,9 @@ class KalmanUpdate {
     const double edge_speed = twist.head<3>().norm() + std::sqrt(lever2()) * twist.tail<3>().norm();
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
     if (lead_s != 0) step += carried(lead_s) * twist;
-    if (!good || !(step.squaredNorm() + twist.squaredNorm() + squared(error.b[kOffset]) + squared(error.b[kTrail]) < kInfinity)) return false;
+    if (!good ||
+        !(step.squaredNorm() + twist.squaredNorm() + squared(error.b[kOffset]) + squared(error.b[kTrail]) < kInfinity))
+      return false;
 
     perturb(T_camera_marker, step);
     twist_ = twist;
@@ -218,8 +219,8 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
-  static constexpr double kEdgeWidth_px = 2.1;  // of a lens in focus, point spread 0.6 px
-  static constexpr double kSmallestLever2 = 1e-8;  // [m^2]
+  static constexpr double kEdgeWidth_px = 2.1;           // of a lens in focus, point spread 0.6 px
+  static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -344,7 +345,7 @@ class KalmanUpdate {
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
   double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
   double events_together_ = 1;
-  double events_per_px_ = 0;               // that all edges make while they move by a pixel; 0: not known
+  double events_per_px_ = 0;  // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]

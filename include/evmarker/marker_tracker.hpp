@@ -82,9 +82,9 @@ class MarkerTracker {
     const Event event = to_event(foreign_event);
     const PoseEstimate* released = nullptr;
     if (guard_.releases(event.t)) [[unlikely]] {
-        guard_.judge(event);
-        released = push_in_time(Event(guard_.held()));
-      }
+      guard_.judge(event);
+      released = push_in_time(Event(guard_.held()));
+    }
     if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
       return released;
     const PoseEstimate* const pose = push_in_time(event);
@@ -197,9 +197,6 @@ class MarkerTracker {
     pose_.quality.loss_reason = reason;
     return tell();
   }
-
-  /// A detection shows the marker elsewhere: evidence, but not more than that.
-  void contradict() noexcept { health_.contradict(); }
 
   /// How badly the edges explained the events while the tracker converged, to tell which of two starts was right: root
   /// mean square distance of those on or near the wireframe, unmatched ones at the limit [px]; infinite at first.
@@ -333,7 +330,8 @@ class MarkerTracker {
     const PoseEstimate* pose = nullptr;
     for (int i = 0; i < kReplayed && starting_ && state() != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
-      if (const PoseEstimate* const next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
+      if (const PoseEstimate* const next = note(past, follower_.push(lines_(past), past.t, polarity(past))))
+        pose = next;
       starting_ = start_search_->replaying();
     }
     return pose;
@@ -383,9 +381,9 @@ class MarkerTracker {
   bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  Misfit misfit_;                       // of the first updates
-  bool settled_ = false;                // the start has been refined: what follows is evidence
-  bool verified_ = false;               // a way back has led to where it should
+  Misfit misfit_;                         // of the first updates
+  bool settled_ = false;                  // the start has been refined: what follows is evidence
+  bool verified_ = false;                 // a way back has led to where it should
   LossReason failed_ = LossReason::none;  // beyond any odds
   Timestamp converging_since_ = kNever;
 };

@@ -19,7 +19,7 @@ struct MeasurementRows {
   using Numbers = std::array<double, kMost>;
 
   alignas(64) std::array<Numbers, kNumbers> row{};  ///< [J; d]
-  alignas(64) Numbers weight{};              ///< inverse variance, up to a factor
+  alignas(64) Numbers weight{};                     ///< inverse variance, up to a factor
 };
 
 /// Takes up to four measurements as the textbook does it one after the other, but they wait for each other only where

@@ -15,15 +15,15 @@ namespace evmarker {
 
 struct TrackHealthSettings {
   /// A marker that is followed is given up by mistake at most once in so many independent pieces of evidence, inverted:
-  /// pixels that an edge passes, verifications, detections.
+  /// pixels that an edge passes, verifications.
   double false_alarm_rate = 1e-6;
 };
 
 /// How likely it is that a marker is where its tracker says, and why not if not: whether events near it lie on its
-/// edges, whether every edge makes the events that it used to make, and what verification and detections say. For each
-/// of these, log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence
-/// it takes evidence that comes up by chance once in 1 / false_alarm_rate to lose the marker. They are not added to
-/// each other: a marker of which half is hidden is matched well.
+/// edges, whether every edge makes the events that it used to make, and what verification says. For each of these,
+/// log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence it takes
+/// evidence that comes up by chance once in 1 / false_alarm_rate to lose the marker. They are not added to each other:
+/// a marker of which half is hidden is matched well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -80,14 +80,10 @@ class TrackHealth {
   void restart_edges() noexcept { activity_.restart(); }
 
   /// A way back that led to where it should, or did not.
-  void judge_verification(bool passed) noexcept {
-    judge(passed ? -kReturns : kReturns, LossReason::verification);
-  }
+  void judge_verification(bool passed) noexcept { judge(passed ? -kReturns : kReturns, LossReason::verification); }
 
-  /// A detection shows the marker elsewhere. One in a thousand does by mistake.
-  void contradict() noexcept { judge(bound_, LossReason::replaced); }
-
-  /// Starts from even odds again: a start pose may be wrong, and then its events lie anywhere and it does not come back.
+  /// Starts from even odds again: a start pose may be wrong, and then its events lie anywhere and it does not come
+  /// back.
   void restart(Timestamp t) noexcept {
     log_odds_.fill(bound_);
     log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
@@ -115,7 +111,7 @@ class TrackHealth {
   static constexpr double kReturns = 3;         // logarithm of the odds: a wrong pose comes back one time in twenty
   static constexpr double kAnywhere = 1.0 / 3;  // of events anywhere near an edge, to three times the distance, match
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
-  static constexpr double kMemory = 50000;      // [events]
+  static constexpr double kMemory = 50000;  // [events]
   static constexpr double kMemory_us = 500000;
 
   double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
@@ -135,7 +131,7 @@ class TrackHealth {
 
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
-  double bound_;  // of the logarithm of the odds, to both sides
+  double bound_;                      // of the logarithm of the odds, to both sides
   std::array<double, 8> log_odds_{};  // that it is not lost for this reason, by LossReason
   bool lost_ = false;
   double probability_ = 0.5;

@@ -18,11 +18,11 @@
 namespace evmarker {
 
 struct VerificationSettings {
-  int updates = 100;                  ///< k: forward updates before the way back
-  int every = 2;                      ///< the first of so many windows of k updates; 1: all, for twice the cost
-  double max_translation_px = 5;      ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`, summed
-  /// over three axes.
+  int updates = 100;              ///< k: forward updates before the way back
+  int every = 2;                  ///< the first of so many windows of k updates; 1: all, for twice the cost
+  double max_translation_px = 5;  ///< epsilon_T
+  /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`,
+  /// summed over three axes.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
   std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
@@ -112,8 +112,7 @@ class Verification {
   }
 
   /// Forgets the events so far; the next window starts at the forward tracker's present pose.
-  void start_window(const EdgeFollower<Rule>& forward,
-                    VerificationWindow window = VerificationWindow::full) noexcept {
+  void start_window(const EdgeFollower<Rule>& forward, VerificationWindow window = VerificationWindow::full) noexcept {
     brief_ = window == VerificationWindow::brief;
     brief_events_ = std::min(settings_.min_events, static_cast<std::size_t>(forward.edge_events()));
     steps_left_ = 0;
