@@ -235,8 +235,8 @@ TEST_CASE("what is said to stay stays, whatever the next events are") {
                                          .start_search = {}};
   auto tracker = code_tracker(detected(motion(0)), settings);
   const auto beside = [](Event event) {
-    event.x = static_cast<std::uint16_t>(std::min(event.x + 6, 639));
-    event.y = static_cast<std::uint16_t>(std::min(event.y + 6, 479));
+    event.x = static_cast<std::uint16_t>(std::min(event.x + 4, 639));
+    event.y = static_cast<std::uint16_t>(std::min(event.y + 4, 479));
     return event;
   };
   int stays = 0, moves = 0, doubts = 0;
