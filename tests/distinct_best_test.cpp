@@ -25,7 +25,7 @@ TEST_CASE("of nodes beside each other the best is kept, and the best come first"
   CHECK(best.size() == 0);
 }
 
-TEST_CASE("many nodes leave the best, sorted; the best of all is always among them") {
+TEST_CASE("many nodes leave the best, sorted, and the best of all is always among them") {
   std::mt19937 random(2);
   for (int run = 0; run < 50; ++run) {
     DistinctBest best;

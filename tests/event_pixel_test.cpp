@@ -176,7 +176,7 @@ TEST_CASE("a leak brings ON events nearer and puts OFF events off") {
   CHECK_FALSE(off.events[0].second);
 }
 
-TEST_CASE("a pixel may start with some of its leak behind it; one without a leak is never due") {
+TEST_CASE("a pixel may start with some of its leak behind it, and one without a leak is never due") {
   EventPixel pixel(1, 0.25, 0.25, 1e-4, 0.2);
   CHECK(pixel.leak_event_us() == doctest::Approx(500));
   CHECK(EventPixel(1, 0.25, 0.25).leak_event_us() == std::numeric_limits<double>::infinity());

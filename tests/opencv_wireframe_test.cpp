@@ -69,7 +69,7 @@ TEST_CASE("a wireframe is read as it is written, with and without the YAML direc
   }
 }
 
-TEST_CASE("of a dark side that leans along its edge the part across it counts; a face normal gets length 1") {
+TEST_CASE("of a dark side that leans along its edge the part across it counts, and a face normal gets length 1") {
   const Wireframe body = opencv::load_wireframe(write("body.yml", kBody));
   const MarkerSegment& edge = body.model.segments[2];
   const Eigen::Vector3d along = Eigen::Vector3d(-0.1, 0, 0.05).normalized(), told(-0.3, -0.8, 0.1);

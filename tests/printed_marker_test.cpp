@@ -98,7 +98,7 @@ TEST_CASE("a sheet may end at the black square") {
   CHECK(sample.radiance == doctest::Approx(0.5 * kBlack));
 }
 
-TEST_CASE("cells may have shades of their own, rim and border too; the back has not") {
+TEST_CASE("cells may have shades of their own, rim and border too, and the back has not") {
   CellShades shades(7, 7);
   for (Eigen::Index i = 0; i < shades.size(); ++i) shades(i / 7, i % 7) = 0.1 + 0.01 * static_cast<double>(i);
   const PrintedMarker marker(code(), 1, kBlack, kWhite, shades);

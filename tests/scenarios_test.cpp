@@ -10,7 +10,7 @@
 
 using namespace evmarker;
 
-TEST_CASE("scenarios keep their places, on which what they draw depends; new ones come after them") {
+TEST_CASE("scenarios keep their places, on which what they draw depends, and new ones come after them") {
   const std::vector<std::string> names{"near",     "fast",         "far",       "dim",        "tilt",       "occluded",
                                        "clutter",  "several",      "distorted", "hd",         "slow",       "leaving",
                                        "shaking",  "low_contrast", "uneven",    "dim_sensor", "refractory", "defocus",
