@@ -28,7 +28,7 @@ class TickClock {
 
   /// Of every block of events before it is tracked.
   void begin(const EventBlock& block) noexcept {
-    const Timestamp first = block.first_t(), last = block.last_t();
+    const Timestamp first = block.events[0].t, last = block.events[block.size - 1].t;
     const bool back = first < last_t_ && elapsed_us(first, last_t_) > kDisorder_us;
     // After a garbled time, or a step back within a block.
     const bool lost = first < next_ && elapsed_us(first, next_) > gap_us_ + static_cast<std::uint64_t>(interval_us_);
