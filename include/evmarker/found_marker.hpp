@@ -28,11 +28,8 @@ class FoundMarker {
   /// Takes one event, whose time has been judged already: see MarkerTracker::push_in_time.
   [[gnu::flatten]] const PoseEstimate* push(const Event& event) noexcept {
     if (rival_) [[unlikely]]
-      rival_->push_in_time(event);
-    const PoseEstimate* const pose = tracker_.push_in_time(event);
-    if (rival_ && pose && tracker_.state() != TrackingState::converging) [[unlikely]]
-      if (settle()) return &tracker_.tell();
-    return pose;
+      return push_to_both(event);
+    return tracker_.push_in_time(event);
   }
 
   /// Takes many.
@@ -77,6 +74,13 @@ class FoundMarker {
     if (detection.T_camera_marker_alternative)
       settings.converging_events = std::max(settings.converging_events, kToDecide);
     return settings;
+  }
+
+  [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
+    rival_->push_one_in_time(event);
+    const PoseEstimate* const pose = tracker_.push_one_in_time(event);
+    if (pose && tracker_.state() != TrackingState::converging && settle()) return &tracker_.tell();
+    return pose;
   }
 
   // True if the other pose was the right one.

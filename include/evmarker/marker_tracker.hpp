@@ -83,7 +83,7 @@ class MarkerTracker {
     const PoseEstimate* released = nullptr;
     if (guard_.releases(event.t)) [[unlikely]] {
       guard_.judge(event);
-      released = push_in_time(Event(guard_.held()));
+      released = push_one_in_time(Event(guard_.held()));
     }
     if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
       return released;
@@ -123,6 +123,12 @@ class MarkerTracker {
     if (starting_) [[unlikely]]
       return start(Event(event), m);                                  // a copy: `event` itself stays in registers
     return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
+  }
+
+  /// The same, not inlined: for where speed matters less than the code's size.
+  template <EventLike E>
+  [[gnu::flatten, gnu::noinline]] const PoseEstimate* push_one_in_time(const E& event) noexcept {
+    return push_in_time(event);
   }
 
   /// Takes many events whose times need not be judged: as `push` otherwise.
@@ -192,7 +198,7 @@ class MarkerTracker {
   PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
-  const PoseEstimate& lose(LossReason reason) noexcept {
+  [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
     pose_.quality.state = TrackingState::lost;
     pose_.quality.loss_reason = reason;
     return tell();
@@ -260,7 +266,7 @@ class MarkerTracker {
 
   // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
   // matching distance, what follows is evidence, and a way back over it decides.
-  void converge() noexcept {
+  [[gnu::noinline]] void converge() noexcept {
     if (converging_since_ == kNever) converging_since_ = t_;
     if (!settled_ && settles()) {
       settled_ = true;
@@ -287,7 +293,7 @@ class MarkerTracker {
   }
 
   // While the pose converges, it moves by more than the edges do.
-  void judge_edges() noexcept {
+  [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
     if (state() == TrackingState::tracking && health_.events_per_px2() > 0)
@@ -311,13 +317,8 @@ class MarkerTracker {
     pose.quality.health = health_.probability();
   }
 
-  template <typename E>
-  [[gnu::flatten, gnu::noinline]] const PoseEstimate* push_one_in_time(const E& event) noexcept {
-    return push_in_time(event);
-  }
-
   // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
-  const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
+  [[gnu::noinline]] const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
     constexpr int kReplayed = 8;
     if (searching()) {
       if (!start_search_->push(event, lines_.focal_length() * m)) return nullptr;
@@ -338,7 +339,7 @@ class MarkerTracker {
   }
 
   // What a way back says. While the tracker converges, a start that was off fails it without being wrong.
-  void note(const BacktrackError& error) noexcept {
+  [[gnu::noinline]] void note(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;

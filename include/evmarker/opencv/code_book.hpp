@@ -60,7 +60,7 @@ class CodeBook {
     }
     if (found == nullptr || !unique || best > allowed) return std::nullopt;
     Quad corners = quad.corners;
-    std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(found->turn));
+    std::rotate(corners.begin(), corners.begin() + static_cast<std::ptrdiff_t>(found->turn), corners.end());
     return Reading{found->id, corners, quad.seen * clarity(cells, found->code)};
   }
 
