@@ -377,14 +377,15 @@ TEST_CASE("no event comes before its edge: the trail is never negative") {
   CHECK(most < 0.002);
 }
 
-TEST_CASE("the trail's first guess: half of a contrast step of an edge that is two pixels wide") {
+TEST_CASE("the trail's first guess: half of a contrast step of an edge as wide as its events are spread") {
   for (const double per_px2 : {1.0, 3.0, 10.0}) {
     KalmanUpdate rule({}, 10);
     Isometry3d T = kTruth;
     rule.add(matched(T), T);  // forgotten
     rule.expect_events_per_px2(T, per_px2);
-    const double guess = 2.1 / (2 * per_px2), variance = 0.3 * 0.3;
-    CHECK(rule.trail_px() == doctest::Approx(guess * variance / (variance + 0.25 * guess * guess)));
+    constexpr double kUnknownSpread2 = 1;  // before there are events
+    const double guess = std::sqrt(12 * (kUnknownSpread2 - 1.0 / 12)) / (2 * per_px2), variance = 0.3 * 0.3;
+    CHECK(rule.trail_px() == doctest::Approx(guess * variance / (variance + guess * guess / 16)));
     CHECK(rule.edge_offset_px() == 0);
     CHECK(T.matrix() == kTruth.matrix());
   }

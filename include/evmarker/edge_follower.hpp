@@ -119,6 +119,8 @@ class EdgeFollower {
       if (std::exchange(events_per_px2_, events) > 0) return;
       rule_.expect_events_per_px2(T_camera_marker_, events);
       start_from(T_camera_marker_);
+    } else if constexpr (requires { rule_.expect_events_per_px2(events, matcher_.focal_length()); }) {
+      rule_.expect_events_per_px2(events, matcher_.focal_length());
     }
   }
   int events_per_update() const noexcept { return events_per_update_; }

@@ -130,7 +130,6 @@ class KalmanUpdate {
     limit_motion(count, dt);
     error.x.head<6>() = predict(mean_dt);
 
-    constexpr double kPixelVariance = 1.0 / 12;  // of a place of which only the pixel is known
     const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
     const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
@@ -158,11 +157,13 @@ class KalmanUpdate {
     events_together_ = together;
   }
 
-  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail: half a step of the
-  /// contrast, of an edge that is blurred to about two pixels. Events that have not led to an update are forgotten.
+  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail, as a measurement.
+  /// Events that have not led to an update are forgotten.
   void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
     forget_events();
-    const double trail_px = kEdgeWidth_px / (2 * events), sigma_px = 0.5 * trail_px;
+    // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
+    const double width_px = std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
+    const double trail_px = expected_trail_px(width_px, events), sigma_px = 0.25 * trail_px;
     MeasurementRow row = MeasurementRow::Zero();
     row(6 + kTrail) = 1;
     row(6 + kBiases) = trail_px - bias_px_[kTrail];
@@ -219,7 +220,7 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
-  static constexpr double kEdgeWidth_px = 2.1;           // of a lens in focus, point spread 0.6 px
+  static constexpr double kPixelVariance = 1.0 / 12;     // of a place of which only the pixel is known
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
