@@ -1,5 +1,6 @@
 #pragma once
 // Floor 0. Events: one brightness change at one pixel, as cameras and other libraries deliver them.
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <type_traits>
@@ -34,8 +35,8 @@ struct Event {
   constexpr bool operator==(const Event&) const = default;
 };
 
-/// 1 ON, -1 OFF.
-constexpr double polarity(const Event& event) noexcept { return event.p > 0 ? 1 : -1; }
+/// 1 ON, -1 OFF. Computed, not chosen: nobody can foresee a polarity, a processor neither.
+inline double polarity(const Event& event) noexcept { return std::copysign(1.0, event.p - 0.5); }
 
 /// How the library reads a foreign event type. Works for members `x y p t` (OpenEB) and for accessors
 /// `x() y() polarity() timestamp()` (dv-processing); specialise it for anything else.

@@ -80,15 +80,10 @@ class MarkerTracker {
   template <EventLike E>
   [[gnu::flatten]] const PoseEstimate* push(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
-    const PoseEstimate* released = nullptr;
-    if (guard_.releases(event.t)) [[unlikely]] {
-      guard_.judge(event);
-      released = push_one_in_time(Event(guard_.held()));
-    }
-    if (guard_.judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
-      return released;
-    const PoseEstimate* const pose = push_in_time(event);
-    return pose != nullptr ? pose : released;
+    if (!guard_.passes(event.t)) [[unlikely]]
+      return push_carefully(Event(event));
+    guard_.passed(event.t);
+    return push_in_time(event);
   }
 
   /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
@@ -99,8 +94,9 @@ class MarkerTracker {
     const auto t = [&](std::size_t i) { return EventTraits<std::ranges::range_value_t<Events>>::t(events[i]); };
     while (!events.empty()) {
       std::size_t count = 0;  // of those that need not wait
+      const std::size_t most = std::min(events.size(), kTogether);
       if (guard_.passes(t(0)))
-        for (count = 1; count < events.size() && TimeGuard::near(t(count - 1), t(count));) ++count;
+        for (count = 1; count < most && TimeGuard::near(t(count - 1), t(count));) ++count;
       if (count > 0) {
         push_in_time(events.first(count), use);
         guard_.passed(t(count - 1));
@@ -236,6 +232,18 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
+  // One that its time holds back, or that decides about one that was held back.
+  [[gnu::noinline]] const PoseEstimate* push_carefully(const Event& event) noexcept {
+    const PoseEstimate* released = nullptr;
+    if (guard_.releases(event.t)) {
+      guard_.judge(event);
+      released = push_one_in_time(Event(guard_.held()));
+    }
+    if (guard_.judge(event) != TimeGuard::Verdict::pass) return released;
+    const PoseEstimate* const pose = push_one_in_time(event);
+    return pose != nullptr ? pose : released;
+  }
+
   // What an event does to the follower, and to what is known of its quality.
   [[gnu::always_inline]] const PoseEstimate* note(const Event& event,
                                                   const typename EdgeFollower<Rule>::Result& result) noexcept {
@@ -366,6 +374,7 @@ class MarkerTracker {
            });
   }
 
+  static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // whose times are judged while they are at hand
   static constexpr int kMisfitEvents = 4000;
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
   static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
