@@ -72,7 +72,8 @@ class DecoupledUpdate {
   void expect_events_per_px2(double events, double focal_length) noexcept {
     if (!settings_.correct_trail) return;
     constexpr double kFocusedEdge_px = 2.1;  // at a point spread of 0.6 px
-    trail_ = expected_trail_px(kFocusedEdge_px, events) / focal_length;
+    constexpr double kMost_px = 0.5;         // while the pose is restless, edges seem to make too few events
+    trail_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / focal_length;
     trail_by_px_ = trail_ / focal_length;
   }
 
