@@ -250,7 +250,6 @@ class MarkerTracker {
     const auto [match, updated, segment] = result;
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
-
     health_.add(match, segment);
     const auto error = verification_.push(event, updated, follower_, lines_);
     if (error) [[unlikely]]
