@@ -6,6 +6,7 @@
 #include <limits>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 using Eigen::Isometry3d;
@@ -149,6 +150,92 @@ TEST_CASE("the default weight is one over the events of an update, at most a ten
   CHECK(moved(0, 5) == moved(0.1, 5));
   CHECK(moved(0, 1) == moved(0.1, 1));
   CHECK(moved(0, 20) != moved(0.1, 20));
+}
+
+namespace {
+
+constexpr double kFocal = 400;  // [px]
+
+// An event that lies behind its moving edge, which goes through P, parallel to the image, with `normal` toward the
+// dark.
+Correspondence trailing(const Vector3d& P, const Eigen::Vector2d& normal, double polarity, double trail_px) {
+  Correspondence c;
+  c.polarity = polarity;
+  c.dark_side_known = true;
+  c.normal = normal;
+  c.gradient << normal, -normal.dot(P.head<2>()) / P.z();
+  c.gradient *= kFocal / P.z();
+  c.M << P.head<2>() / P.z() - polarity * trail_px / kFocal * normal, 1;
+  c.E = P;
+  c.F = c.M.dot(c.E) / c.M.squaredNorm() * c.M;
+  return c;
+}
+
+// Of a dark square, off the image's centre, that moves to the right and down: every edge makes events behind it.
+std::vector<Correspondence> of_moving_square(double trail_px) {
+  const Vector3d middle(0.1, -0.08, 0.6);
+  return {trailing(middle + Vector3d(-0.05, 0.01, 0), {1, 0}, 1, trail_px),
+          trailing(middle + Vector3d(0.05, -0.02, 0), {-1, 0}, -1, trail_px),
+          trailing(middle + Vector3d(0.02, -0.05, 0), {0, 1}, 1, trail_px),
+          trailing(middle + Vector3d(-0.01, 0.05, 0), {0, -1}, -1, trail_px)};
+}
+
+evmarker::Correspondences in_lanes(const std::vector<Correspondence>& all) {
+  evmarker::Correspondences lanes{};
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Correspondence& c = all[i];
+    lanes.polarity[i] = c.polarity;
+    for (auto [lane, value] : {std::pair(&lanes.M_x, c.M.x()),
+                               {&lanes.M_y, c.M.y()},
+                               {&lanes.F_x, c.F.x()},
+                               {&lanes.F_y, c.F.y()},
+                               {&lanes.F_z, c.F.z()},
+                               {&lanes.E_x, c.E.x()},
+                               {&lanes.E_y, c.E.y()},
+                               {&lanes.E_z, c.E.z()},
+                               {&lanes.g_x, c.gradient.x()},
+                               {&lanes.g_y, c.gradient.y()},
+                               {&lanes.g_z, c.gradient.z()}})
+      (*lane)[i] = value;
+  }
+  lanes.set_count(all.size());
+  return lanes;
+}
+
+// Where one update over the square's events takes a pose that was right.
+Isometry3d moved(DecoupledUpdate rule, double trail_px, bool together = false) {
+  Isometry3d T = pose({0, 0, 0}, {0.1, -0.08, 0.6});
+  const auto events = of_moving_square(trail_px);
+  if (together) rule.add(in_lanes(events), T);
+  if (!together)
+    for (const Correspondence& c : events) rule.add(c, T);
+  REQUIRE(rule.update(T, 0));
+  return T;
+}
+
+}  // namespace
+
+TEST_CASE("events that trail their edges by what is expected do not move the pose, one by one as together") {
+  const Isometry3d right = pose({0, 0, 0}, {0.1, -0.08, 0.6});
+  DecoupledUpdate ignorant({}, 4), knowing = ignorant, papers(DecoupledSettings::paper(), 4);
+  knowing.expect_events_per_px2(3, kFocal);
+  papers.expect_events_per_px2(3, kFocal);
+  constexpr double kTrail_px = 2.1 / 6;
+  for (const bool together : {false, true}) {
+    CAPTURE(together);
+    const Vector3d dragged = moved(ignorant, kTrail_px, together).translation() - right.translation();
+    REQUIRE(dragged.x() < -3e-5);
+    REQUIRE(dragged.y() < -3e-5);
+    const Isometry3d kept = moved(knowing, kTrail_px, together);
+    CHECK((kept.translation() - right.translation()).norm() < 0.01 * dragged.norm());
+    CHECK(angle_between(kept, right) < 1e-5);
+    CHECK(moved(papers, kTrail_px, together).matrix() ==
+          moved(DecoupledUpdate(DecoupledSettings::paper(), 4), kTrail_px, together).matrix());
+  }
+  CHECK((moved(knowing, 0.1, true).matrix() - moved(knowing, 0.1).matrix()).norm() < 1e-12);
+  // Half a pixel at most.
+  knowing.expect_events_per_px2(0.1, kFocal);
+  CHECK((moved(knowing, 0.5).translation() - right.translation()).norm() < 1e-6);
 }
 
 TEST_CASE("reversing forgets where the pose was going, not what can be seen") {

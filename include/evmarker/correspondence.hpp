@@ -44,4 +44,11 @@ struct alignas(64) Correspondences {
   }
 };
 
+/// How far behind a moving edge its events lie [px]: a pixel fires only when a whole step of the contrast has been
+/// passed, so on average half a step late.
+/// @param events_per_px2 that one pixel makes while the edge passes over it
+inline double expected_trail_px(double edge_width_px, double events_per_px2) noexcept {
+  return edge_width_px / (2 * events_per_px2);
+}
+
 }  // namespace evmarker

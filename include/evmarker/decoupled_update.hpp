@@ -66,13 +66,12 @@ class DecoupledUpdate {
     for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = weight_ * kept_[kLanes - 1 - i];
   }
 
-  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail from here on. The
-  /// edge is taken to be in focus: the residuals tell no width, they hold this rule's own restlessness, which they
-  /// would feed.
+  /// From here on, events lie as far behind their moving edges as follows from how many a pixel makes in a passage.
+  // Of an edge in focus: measured by the residuals its width would grow with this rule's own jitter, and that with it.
   void expect_events_per_px2(double events, double focal_length) noexcept {
     if (!settings_.correct_trail) return;
     constexpr double kFocusedEdge_px = 2.1;  // at a point spread of 0.6 px
-    constexpr double kMost_px = 0.5;         // while the pose is restless, edges seem to make too few events
+    constexpr double kMost_px = 0.5;         // a pose that jitters seems to sweep more, and events seem fewer
     trail_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / focal_length;
     trail_by_px_ = trail_ / focal_length;
   }
@@ -194,7 +193,7 @@ class DecoupledUpdate {
   }
 
   Settings settings_;
-  double trail_ = 0, trail_by_px_ = 0;  // divided by the focal length [px], once and twice
+  double trail_ = 0, trail_by_px_ = 0;  // over the focal length [px], and over its square
   double weight_ = 0;                   // w0
   double renewed_ = 1;                  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few

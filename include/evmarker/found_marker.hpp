@@ -76,6 +76,7 @@ class FoundMarker {
     return settings;
   }
 
+  // Not inlined: for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
     rival_->push_one_in_time(event);
     const PoseEstimate* const pose = tracker_.push_one_in_time(event);

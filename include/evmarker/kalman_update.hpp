@@ -157,7 +157,7 @@ class KalmanUpdate {
     events_together_ = together;
   }
 
-  /// Takes it from how many events a pixel makes while an edge passes over it how far these trail, as a measurement.
+  /// Measures the trail by how many events a pixel makes while an edge passes over it, and by how far they are spread.
   /// Events that have not led to an update are forgotten.
   void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
     forget_events();

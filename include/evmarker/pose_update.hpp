@@ -30,13 +30,6 @@ concept PoseUpdateRule = std::copyable<R> &&
   noexcept;
 };
 
-/// How far behind a moving edge its events lie [px]: a pixel fires only when a whole step of the contrast has been
-/// passed, so on average half a step late.
-/// @param events_per_px2 that one pixel makes while the edge passes over it
-inline double expected_trail_px(double edge_width_px, double events_per_px2) noexcept {
-  return edge_width_px / (2 * events_per_px2);
-}
-
 /// A rule that takes eight matched events as fast as one: its `add` is inline and made of loops over lanes.
 template <typename R>
 concept GroupUpdateRule = PoseUpdateRule<R> &&
