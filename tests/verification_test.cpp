@@ -113,7 +113,7 @@ TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one
       if (match == MatchResult::far) continue;
       updates += updated;
       if (updates == 50 && updated) verification.start_window(follower);  // the first updates refine the start
-      if (const auto error = verification.push(event, updated, follower, lines); error && updates > 50)
+      if (const BacktrackError* const error = verification.push(event, updated, follower, lines); error && updates > 50)
         outcome.errors.push_back(*error);
     }
     const auto truth = motion(0.4);
@@ -162,7 +162,7 @@ TEST_CASE("verification leaves the forward tracker as it is") {
   for (const Event& event : events) {
     alone.push(lines(event), event.t);
     const auto [match, updated, segment] = verified.push(lines(event), event.t);
-    verifications += verification.push(event, updated, verified, lines).has_value();
+    verifications += verification.push(event, updated, verified, lines) != nullptr;
   }
   REQUIRE(verifications > 10);
   CHECK(alone.T_camera_marker().matrix() == verified.T_camera_marker().matrix());

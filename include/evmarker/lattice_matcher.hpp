@@ -178,41 +178,41 @@ class LatticeMatcher {
   // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
   // ends. No branch before the last, and that one can be foreseen. False for anything else.
   [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
-    if (!(lines.foot_w.minCoeff() > 0)) [[unlikely]]
+    if (!(smaller(lines.foot_w[0], lines.foot_w[1]) > 0)) [[unlikely]]
       return false;  // beyond the horizon
-    const Eigen::Array2d foot = (lines.foot_a / lines.foot_w).max(-0.5).min(lookup_.cells() + 0.5);
+    const Pair foot = smaller(larger(lines.foot_a / lines.foot_w, Pair{} - 0.5), Pair{} + (lookup_.cells() + 0.5));
     // In a cell, both of these are its number; around a lattice point, they differ by one.
-    const Eigen::Array2d number = (foot - before_) + ProjectedLattice::kRounding;
-    const Eigen::Array2d other_number = (foot - behind_) + ProjectedLattice::kRounding;
-    const auto stretch = [&](Eigen::Index i) {
-      const int line = ProjectedLattice::rounded(lines.k_sum(i)),
-                cell_or_point = ProjectedLattice::rounded(number(i)) + ProjectedLattice::rounded(other_number(i));
+    const Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedLattice::kRounding;
+    const Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedLattice::kRounding;
+    const auto stretch = [&](int i) {
+      const int line = ProjectedLattice::rounded(lines.k_sum[i]),
+                cell_or_point = ProjectedLattice::rounded(number[i]) + ProjectedLattice::rounded(other_number[i]);
       return lattice_->stretches() +
              (first_stretch_[static_cast<std::size_t>(i)] + stretches_of_line_ * line + cell_or_point);
     };
     const Stretch* const found[2] = {stretch(0), stretch(1)};
-    const double at_most[2] = {std::max(lines.squared(0), found[0]->at_most),
-                               std::max(lines.squared(1), found[1]->at_most)};
+    const double at_most[2] = {std::max(lines.squared[0], found[0]->at_most),
+                               std::max(lines.squared[1], found[1]->at_most)};
     const double best = std::min(at_most[0], at_most[1]);
     const double other =
-        std::max(std::max(lines.squared(0), found[0]->at_least), std::max(lines.squared(1), found[1]->at_least));
+        std::max(std::max(lines.squared[0], found[0]->at_least), std::max(lines.squared[1], found[1]->at_least));
     choice.edge = found[at_most[1] < at_most[0]];
     return best <= limit2_ && other > rival_factor_ * best + rival_offset_;
   }
 
   // All other events: near two edges, an end of one, or none.
   [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
-    const Eigen::Index first = lines.squared.y() < lines.squared.x(), second = 1 - first;
-    if (!(lines.squared(first) <= limit2_)) return {near_or_far(sight, lines)};
+    const Eigen::Index first = lines.squared[1] < lines.squared[0], second = 1 - first;
+    if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
     const Place place = place_on(ProjectedLattice::line(lines, first));
     if (!place.edge) {
-      if (!(lines.squared(second) <= limit2_)) return {near_or_far(sight, lines)};
+      if (!(lines.squared[second] <= limit2_)) return {near_or_far(sight, lines)};
       const Place other = place_on(ProjectedLattice::line(lines, second));
       if (!other.edge) return {near_or_far(sight, lines)};
       return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
-    const double rival = std::sqrt(lines.squared(first)) + ambiguity_;
-    if (place.tie || (lines.squared(second) < rival * rival && place_on(ProjectedLattice::line(lines, second)).edge))
+    const double rival = std::sqrt(lines.squared[first]) + ambiguity_;
+    if (place.tie || (lines.squared[second] < rival * rival && place_on(ProjectedLattice::line(lines, second)).edge))
       return {MatchResult::ambiguous};
     return {MatchResult::matched, place.edge};
   }
@@ -251,8 +251,8 @@ class LatticeMatcher {
     const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && place_on(line).edge; };
     if (beside(ProjectedLattice::line(lines, 0)) || beside(ProjectedLattice::line(lines, 1))) return MatchResult::near;
     for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
-      const double from = std::max(0.0, std::ceil(sight.a(coordinate) / sight.w - fringe_));
-      const double to = std::min(lookup_.cells(), sight.a(coordinate) / sight.w + fringe_);
+      const double from = std::max(0.0, std::ceil(sight.a[coordinate] / sight.w - fringe_));
+      const double to = std::min(lookup_.cells(), sight.a[coordinate] / sight.w + fringe_);
       for (double k = from; k <= to; ++k)
         if (beside(lookup_.line(coordinate, k, sight))) return MatchResult::near;
     }
@@ -266,8 +266,6 @@ class LatticeMatcher {
     rate_ = rate;
     fringe_ = rate_ * near_reach_;
     end_margin_cells_ = rate_ * end_margin_ + 1e-9;  // so that rounding cannot miss an end
-    before_.setConstant(0.5 - end_margin_cells_);
-    behind_.setConstant(0.5 + end_margin_cells_);
     fits_ =
         rate_ > 0 && fringe_ < ProjectedLattice::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
     return fits_;
@@ -287,11 +285,10 @@ class LatticeMatcher {
   bool on_lattice_ = false;
   ProjectedLattice::Corners lookup_corners_;
   unsigned lookups_ = 0;
-  double rate_ = 0;                             // that the following were computed for
-  bool fits_ = false;                           // see fits()
-  double fringe_ = 0;                           // how far outside of the marker an event may be near an edge [cells]
-  double end_margin_cells_ = 0;                 // at most
-  Eigen::Array2d before_{0, 0}, behind_{0, 0};  // half a cell less, and more, that margin
+  double rate_ = 0;              // that the following were computed for
+  bool fits_ = false;            // see fits()
+  double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
+  double end_margin_cells_ = 0;  // at most
 };
 
 }  // namespace evmarker

@@ -251,8 +251,7 @@ class MarkerTracker {
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
     health_.add(match, segment);
-    const auto error = verification_.push(event, updated, follower_, lines_);
-    if (error) [[unlikely]]
+    if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_)) [[unlikely]]
       note(*error);
     if (updated) count_update();
     if (health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near)) judge_matches();
@@ -295,7 +294,7 @@ class MarkerTracker {
       return matched_ >= fitting;
   }
 
-  void judge_matches() noexcept {
+  [[gnu::noinline]] void judge_matches() noexcept {
     if (settled_) health_.judge_matches(t_);
   }
 

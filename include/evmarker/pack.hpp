@@ -28,6 +28,18 @@ struct Vector<256> {
 
 }  // namespace detail
 
+/// Two numbers, computed together by the usual operators.
+using Pair = detail::Vector<128>::InRegister;
+
+/// Two numbers that lie one after the other.
+[[gnu::always_inline]] inline Pair pair_at(const double* numbers) noexcept {
+  return *reinterpret_cast<const detail::Vector<128>::InMemory*>(numbers);
+}
+// As of single numbers, see lanes.hpp.
+[[gnu::always_inline]] inline Pair larger(Pair x, Pair bound) noexcept { return x > bound ? x : bound; }
+[[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
+[[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
+
 /// So many numbers, all zero at first, in vectors of so many bits: see `in_packs`.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {

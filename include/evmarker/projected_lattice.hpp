@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "evmarker/pack.hpp"
+
 namespace evmarker {
 
 /// The lattice of `CellLattice` at one pose, by its homography. The image is that of lines of sight (m; 1), distances
@@ -79,19 +81,19 @@ class ProjectedLattice {
 
   /// An event in homogeneous lattice coordinates (a; w): those of the line of sight's intersection with the marker.
   struct Sight {
-    Eigen::Array2d a;
+    Pair a;
     double w;
   };
 
   [[gnu::always_inline]] Sight sight(const Eigen::Vector2d& m) const noexcept {
-    return {rows_.col(0) * m.x() + rows_.col(1) * m.y() + rows_.col(2),
-            row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
+    return {column(0) * m.x() + column(1) * m.y() + column(2), row_w_.x() * m.x() + row_w_.y() * m.y() + row_w_.z()};
   }
 
   /// Whether an event is on the marker or so many cells around it. Without a division: whether one is cannot be
   /// foreseen, and what follows has to wait for it.
   [[gnu::always_inline]] bool within(double fringe, const Sight& s) const noexcept {
-    return (s.a - centre_ * s.w).abs().maxCoeff() < (centre_ + fringe) * s.w;
+    const Pair from_centre = s.a - centre_ * s.w;
+    return larger(std::abs(from_centre[0]), std::abs(from_centre[1])) < (centre_ + fringe) * s.w;
   }
 
   /// 1/Z [1/m] of the point of the marker's plane that the event's line of sight meets.
@@ -104,24 +106,24 @@ class ProjectedLattice {
 
   /// The nearest vertical and horizontal line, (row - k row_w) (m; 1) = 0 in the image, and the event's feet on them.
   struct Lines {
-    Eigen::Array2d k, k_sum;            ///< their numbers, and with kRounding added
-    Eigen::Array2d e;                   ///< the equation's value at the event
-    Eigen::Array2d normal_x, normal_y;  ///< toward larger coordinates, not of unit length
-    Eigen::Array2d norm2, squared;      ///< its squared length, and the squared distance
-    Eigen::Array2d foot_a, foot_w;      ///< homogeneous coordinate along the line of m - e / norm2 normal
+    Pair k, k_sum;            ///< their numbers, and with kRounding added
+    Pair e;                   ///< the equation's value at the event
+    Pair normal_x, normal_y;  ///< toward larger coordinates, not of unit length
+    Pair norm2, squared;      ///< its squared length, and the squared distance
+    Pair foot_a, foot_w;      ///< homogeneous coordinate along the line of m - e / norm2 normal
   };
 
   [[gnu::always_inline]] Lines nearest_lines(const Sight& s) const noexcept {
     Lines lines;
-    lines.k_sum = (s.a / s.w).max(0.0).min(cells_) + kRounding;
+    lines.k_sum = smaller(larger(s.a / s.w, Pair{}), Pair{} + cells_) + kRounding;
     lines.k = lines.k_sum - kRounding;
     lines.e = s.a - lines.k * s.w;
-    lines.normal_x = rows_.col(0) - lines.k * row_w_.x();
-    lines.normal_y = rows_.col(1) - lines.k * row_w_.y();
-    lines.norm2 = lines.normal_x.square() + lines.normal_y.square();
-    lines.squared = lines.e.square() / lines.norm2;
-    lines.foot_a = lines.norm2 * s.a.reverse() -
-                   lines.e * (rows_.col(0).reverse() * lines.normal_x + rows_.col(1).reverse() * lines.normal_y);
+    lines.normal_x = column(0) - lines.k * row_w_.x();
+    lines.normal_y = column(1) - lines.k * row_w_.y();
+    lines.norm2 = lines.normal_x * lines.normal_x + lines.normal_y * lines.normal_y;
+    lines.squared = lines.e * lines.e / lines.norm2;
+    lines.foot_a = lines.norm2 * swapped(s.a) -
+                   lines.e * (swapped(column(0)) * lines.normal_x + swapped(column(1)) * lines.normal_y);
     lines.foot_w = lines.norm2 * s.w - lines.e * (row_w_.x() * lines.normal_x + row_w_.y() * lines.normal_y);
     return lines;
   }
@@ -133,19 +135,19 @@ class ProjectedLattice {
   };
 
   static Line line(const Lines& lines, Eigen::Index i) noexcept {
-    return {i, lines.k(i), lines.norm2(i), lines.squared(i), lines.foot_a(i), lines.foot_w(i)};
+    return {i, lines.k[i], lines.norm2[i], lines.squared[i], lines.foot_a[i], lines.foot_w[i]};
   }
 
   /// Line `k` of a coordinate, wherever it is.
   Line line(Eigen::Index coordinate, double k, const Sight& s) const noexcept {
     const Eigen::Index along = 1 - coordinate;
     const Eigen::Vector2d normal(rows_(coordinate, 0) - k * row_w_.x(), rows_(coordinate, 1) - k * row_w_.y());
-    const double e = s.a(coordinate) - k * s.w, norm2 = normal.squaredNorm();
+    const double e = s.a[coordinate] - k * s.w, norm2 = normal.squaredNorm();
     return {coordinate,
             k,
             norm2,
             e * e / norm2,
-            norm2 * s.a(along) - e * (rows_(along, 0) * normal.x() + rows_(along, 1) * normal.y()),
+            norm2 * s.a[along] - e * (rows_(along, 0) * normal.x() + rows_(along, 1) * normal.y()),
             norm2 * s.w - e * (row_w_.x() * normal.x() + row_w_.y() * normal.y())};
   }
 
@@ -183,6 +185,8 @@ class ProjectedLattice {
   Eigen::Vector3d point(double x, double y) const noexcept { return x * steps_.col(0) + y * steps_.col(1) + h0_; }
 
  private:
+  [[gnu::always_inline]] Pair column(Eigen::Index i) const noexcept { return pair_at(&rows_(0, i)); }
+
   [[gnu::always_inline]] Eigen::Array4d of_corners(Eigen::Index axis) const noexcept {
     const double origin = h0_(axis), x = cells_ * steps_(axis, 0), y = cells_ * steps_(axis, 1);
     return {origin, origin + x, origin + y, origin + x + y};

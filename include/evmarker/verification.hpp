@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -79,36 +78,15 @@ class Verification {
   }
 
   /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
-  /// over a window: the error between the pose at its start and the pose that the way back led to.
-  std::optional<BacktrackError> push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
-                                     const UndistortionTable& lines) noexcept {
-    std::optional<BacktrackError> error;
-    if (steps_left_ > 0 && ++waited_ == kWait) {
-      waited_ = 0;
-      error = step_back(kWait * kStepsBack, lines);
+  /// over a window: the error between the pose at its start and the pose that the way back led to, valid until the next
+  /// push; else null.
+  [[gnu::always_inline]] const BacktrackError* push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
+                                                    const UndistortionTable& lines) noexcept {
+    if (pause_ > 1 && steps_left_ == 0) {
+      --pause_;
+      return nullptr;
     }
-    if (pause_ > 0) {
-      if (pause_ > 1) {
-        --pause_;
-      } else if (updated) {  // a window begins at a new pose
-        pause_ = 0;
-        start(forward);
-      }
-      return error;
-    }
-    if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
-    window_.push(event);
-    updates_ += updated;
-    const bool complete = (brief_ ? window_.size() >= brief_events_
-                                  : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
-                          steps_left_ == 0;
-    const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
-    if (!updated || (!complete && !crowded)) return error;
-    if (!error && steps_left_ > 0) error = step_back(steps_left_, lines);
-    turn_back(forward);
-    start(forward);
-    pause_ = brief_ ? 0 : static_cast<std::size_t>(settings_.every - 1) * past_.size();
-    return error;
+    return push_in_window(Event(event), updated, forward, lines);  // a copy: `event` itself stays in registers
   }
 
   /// Forgets the events so far; the next window starts at the forward tracker's present pose.
@@ -144,6 +122,38 @@ class Verification {
   static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
   static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
 
+  [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,
+                                                         const EdgeFollower<Rule>& forward,
+                                                         const UndistortionTable& lines) noexcept {
+    const BacktrackError* error = nullptr;
+    if (steps_left_ > 0 && ++waited_ == kWait) {
+      waited_ = 0;
+      error = step_back(kWait * kStepsBack, lines);
+    }
+    if (pause_ > 0) {
+      if (pause_ > 1) {
+        --pause_;
+      } else if (updated) {  // a window begins at a new pose
+        pause_ = 0;
+        start(forward);
+      }
+      return error;
+    }
+    if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
+    window_.push(event);
+    updates_ += updated;
+    const bool complete = (brief_ ? window_.size() >= brief_events_
+                                  : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
+                          steps_left_ == 0;
+    const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
+    if (!updated || (!complete && !crowded)) return error;
+    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines);
+    turn_back(forward);
+    start(forward);
+    pause_ = brief_ ? 0 : static_cast<std::size_t>(settings_.every - 1) * past_.size();
+    return error;
+  }
+
   void start(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
     expected_start_ = {};
@@ -164,8 +174,7 @@ class Verification {
 
   // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
   // passes.
-  [[gnu::noinline]] std::optional<BacktrackError> step_back(std::size_t steps,
-                                                            const UndistortionTable& lines) noexcept {
+  [[gnu::noinline]] const BacktrackError* step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
     const Timestamp end = past_[past_.size() - 1].t;
     const auto mirrored = [end](Timestamp t) {
       return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
@@ -188,14 +197,13 @@ class Verification {
       steps_left_ -= taken;
       steps -= taken;
     }
-    if (steps_left_ > 0) return std::nullopt;
+    if (steps_left_ > 0) return nullptr;
     brief_ = false;
-    BacktrackError error =
-        backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
-    expect(backward_, error);
-    error.expected_px = std::hypot(error.expected_px, expected_past_start_.expected_px);
-    error.expected_rad = std::hypot(error.expected_rad, expected_past_start_.expected_rad);
-    return error;
+    error_ = backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
+    expect(backward_, error_);
+    error_.expected_px = std::hypot(error_.expected_px, expected_past_start_.expected_px);
+    error_.expected_rad = std::hypot(error_.expected_rad, expected_past_start_.expected_rad);
+    return &error_;
   }
 
   // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so. And so is where it is
@@ -216,6 +224,7 @@ class Verification {
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
   BacktrackError expected_start_, expected_past_start_;
+  BacktrackError error_;         // of the last window that was gone over
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
