@@ -634,3 +634,27 @@ TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lea
     CHECK(groups < static_cast<int>(events.size()) / 3);
   }
 }
+
+TEST_CASE("at rest in noise, a rule that knows no motion stays where it is") {
+  constexpr double kNoise_hz_px = 5;
+  const MarkerModel square = evmarker::make_square_marker(0.1);
+  const Isometry3d here = pose({std::numbers::pi, 0, 0}, {0, 0, 0.6});
+  const auto drift_m = [&](int n, bool rest) {
+    EdgeFollower<DecoupledUpdate> follower(square, kFocal, here, {.events_per_update = n, .update = {.rest = rest}});
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> anywhere(-0.2, 0.2);
+    const double period_us = 1e6 / (kNoise_hz_px * 0.4 * 0.4 * kFocal * kFocal);
+    double worst = 0;
+    for (double t_us = 0; t_us < 3e6; t_us += period_us) {
+      const double x = anywhere(random), y = anywhere(random);
+      follower.push({x, y}, static_cast<Timestamp>(t_us), random() % 2 == 0 ? 1 : -1);
+      worst = std::max(worst, (follower.T_camera_marker().translation() - here.translation()).norm());
+    }
+    return worst;
+  };
+  for (const int n : {1, 10, 100}) {
+    CAPTURE(n);
+    REQUIRE(drift_m(n, false) > 0.05);
+    CHECK(drift_m(n, true) < 0.02);
+  }
+}

@@ -26,6 +26,8 @@ struct DecoupledSettings {
   double torque_length_unit_m = 0;
   /// Whether events are taken to lie behind their moving edges, see `expect_events_per_px2`. Not in the paper.
   bool correct_trail = true;
+  /// Whether the pose stays where it is while the events are background. Not in the paper.
+  bool rest = true;
 
   /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
   static DecoupledSettings paper() {
@@ -33,7 +35,8 @@ struct DecoupledSettings {
             .translation_gain = 1.4,
             .rotation_gain = 0.003,
             .torque_length_unit_m = 0.01,
-            .correct_trail = false};
+            .correct_trail = false,
+            .rest = false};
   }
 };
 
@@ -75,6 +78,9 @@ class DecoupledUpdate {
     trail_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / focal_length;
     trail_by_px_ = trail_ / focal_length;
   }
+
+  /// @param share of the events that tells of the marker; 0 at rest
+  void expect_signal(double share) noexcept { signal_ = settings_.rest ? share : 1; }
 
   // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
@@ -155,11 +161,11 @@ class DecoupledUpdate {
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : lever2_;
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
-    const double step = renewed_ * settings_.translation_gain / determinant;
+    const double share = signal_ * renewed_, step = share * settings_.translation_gain / determinant;
     const Eigen::Vector3d dT(step * (c_xx * B_.x() + c_xy * B_.y() + c_xz * B_.z()),  // Eqs. (7), (10)
                              step * (c_xy * B_.x() + c_yy * B_.y() + c_yz * B_.z()),
                              step * (c_xz * B_.x() + c_yz * B_.y() + c_zz * B_.z()));
-    const Eigen::Vector3d r = renewed_ * settings_.rotation_gain / unit2 * Gamma_;  // r = lambda_r Gamma
+    const Eigen::Vector3d r = share * settings_.rotation_gain / unit2 * Gamma_;  // r = lambda_r Gamma
     const Eigen::Vector3d T = T_camera_marker.translation() + dT;
     if (!(std::abs(determinant) > 1e-9 && std::isfinite(T.sum() + r.squaredNorm()))) return false;
     T_camera_marker.translation() = T;
@@ -195,6 +201,7 @@ class DecoupledUpdate {
   Settings settings_;
   double trail_ = 0, trail_by_px_ = 0;  // over the focal length [px], and over its square
   double weight_ = 0;                   // w0
+  double signal_ = 1;                   // see expect_signal
   double renewed_ = 1;                  // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.

@@ -38,6 +38,14 @@ concept GroupUpdateRule = PoseUpdateRule<R> &&
   noexcept;
 };
 
+/// A rule that knows no motion: that its marker rests, and that the events are background, it must be told.
+template <typename R>
+concept RestingRule = PoseUpdateRule<R> && requires(R& rule) {
+  /// From here on, updates move the pose by so much of what they would.
+  { rule.expect_signal(1.0) }
+  noexcept;
+};
+
 /// A rule that knows how the marker moves, too, and how well it knows its pose.
 template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
