@@ -68,11 +68,9 @@ inline Run paper_numbers(const Situation& situation, const std::vector<Event>& e
   return run_tracker(situation, events, settings);
 }
 
-/// The paper's rule with this library's gains, n = 100.
+/// The paper's rule as it comes: with this library's gains and n, trail and rests.
 inline Run paper_rule_tuned(const Situation& situation, const std::vector<Event>& events) {
-  TrackerSettings<DecoupledUpdate> settings;
-  settings.marker.events_per_update = 100;
-  return run_tracker(situation, events, settings);
+  return run_tracker(situation, events, TrackerSettings<DecoupledUpdate>{});
 }
 
 /// The coupled Kalman filter, as it comes.

@@ -641,6 +641,7 @@ TEST_CASE("at rest in noise, a rule that knows no motion stays where it is") {
   const Isometry3d here = pose({std::numbers::pi, 0, 0}, {0, 0, 0.6});
   const auto drift_m = [&](int n, bool rest) {
     EdgeFollower<DecoupledUpdate> follower(square, kFocal, here, {.events_per_update = n, .update = {.rest = rest}});
+    follower.let_rest();
     std::mt19937 random(3);
     std::uniform_real_distribution<double> anywhere(-0.2, 0.2);
     const double period_us = 1e6 / (kNoise_hz_px * 0.4 * 0.4 * kFocal * kFocal);

@@ -100,7 +100,7 @@ TEST_CASE("a marker seen nearly edge on is lost by verification soon after its p
   REQUIRE(signal.lost);
   CHECK(signal.lost_by_backtracking);
   CHECK(*signal.lost > *astray - 100000);
-  CHECK(*signal.lost < *astray + 100000);
+  CHECK(*signal.lost < *astray + 170000);  // after two windows: one alone may fail by chance
   // Left to itself it stays turned while the marker turns back.
   CHECK(signal.poses.back().error.rotation_deg > 5);
   CHECK(signal.poses.back().error.translation_mm > 100);

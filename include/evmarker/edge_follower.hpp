@@ -124,6 +124,9 @@ class EdgeFollower {
       rule_.expect_events_per_px2(events, matcher_.focal_length());
     }
   }
+  /// From here on the pose is right, so that many events beside the edges mean that the marker rests: see
+  /// BackgroundShare. For a rule that knows no motion.
+  void let_rest() noexcept { may_rest_ = true; }
   int events_per_update() const noexcept { return events_per_update_; }
 
   /// Events of a motion that says where the marker is: two for each pixel of its edges, at most 500.
@@ -306,7 +309,7 @@ class EdgeFollower {
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     if constexpr (RestingRule<Rule>)
-      if (background_.add(matched_, offered_ - matched_, t)) rule_.expect_signal(background_.signal());
+      if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.expect_signal(background_.signal());
     start_collecting();
     if (!rule_.update(T_camera_marker_, t)) {
       ++skipped_updates_;
@@ -338,6 +341,7 @@ class EdgeFollower {
   LatticeMatches waiting_;
   UpdateStatistics last_update_;
   BackgroundShare background_;
+  bool may_rest_ = false;
   double sampled_length_px_ = 0;  // of the edges when the background was sampled
   bool added_together_ = false;
   double edge_length_m_ = 0;           // of the model

@@ -254,7 +254,8 @@ class MarkerTracker {
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_)) [[unlikely]]
       note(*error);
     if (updated) count_update();
-    if (health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near)) judge_matches();
+    if (settled_ && health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near))
+      health_.judge_matches(t_);
     if (health_.lost() || failed_ != LossReason::none) [[unlikely]]
       return &lose(failed_ != LossReason::none ? failed_ : health_.reason());
     if (!updated) return nullptr;
@@ -273,16 +274,16 @@ class MarkerTracker {
   // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
   // matching distance, what follows is evidence, and a way back over it decides.
   [[gnu::noinline]] void converge() noexcept {
-    if (converging_since_ == kNever) converging_since_ = t_;
+    converging_since_ = std::min(converging_since_, t_);
     if (!settled_ && settles()) {
       settled_ = true;
       health_.restart(t_);
       verification_.start_window(follower_, VerificationWindow::brief);
     }
-    if (verified_ && matched_ >= settings_.converging_events && health_.sure())
-      pose_.quality.state = TrackingState::tracking;
-    else if (elapsed_us(converging_since_, t_) > kLongestConverging_us)
-      failed_ = LossReason::not_confirmed;
+    if (elapsed_us(converging_since_, t_) > kLongestConverging_us) failed_ = LossReason::not_confirmed;
+    if (!verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
+    pose_.quality.state = TrackingState::tracking;
+    follower_.let_rest();
   }
 
   // A start that was searched fits the events already; any other one may be some pixels off.
@@ -292,10 +293,6 @@ class MarkerTracker {
       return (matched_ >= fitting || start_search_) && (matched_ >= 4 * fitting || knows_edges(estimate()));
     else
       return matched_ >= fitting;
-  }
-
-  [[gnu::noinline]] void judge_matches() noexcept {
-    if (settled_) health_.judge_matches(t_);
   }
 
   // While the pose converges, it moves by more than the edges do.
@@ -344,16 +341,19 @@ class MarkerTracker {
     return pose;
   }
 
-  // What a way back says. While the tracker converges, a start that was off fails it without being wrong.
+  // What a way back says. While the tracker converges, a start that was off fails it without being wrong. Later, one
+  // failure may be chance and has the next window begin at once; two in a row are no chance.
   [[gnu::noinline]] void note(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;
     pose_.quality.backtrack_t = t_;
     const bool passed = verification_.passes(error);
-    if (passed && settled_) verified_ = true;
+    verified_ |= passed && settled_;
     if (settled_) health_.judge_verification(passed);
-    if (!passed && pose_.quality.state == TrackingState::tracking) failed_ = LossReason::verification;
+    if (passed || state() != TrackingState::tracking) return void(suspected_ = false);
+    if (std::exchange(suspected_, true)) failed_ = LossReason::verification;
+    verification_.start_window(follower_);
   }
 
   // With less than half of the marker left in the image, no more events will come to tell where it went.
@@ -392,6 +392,7 @@ class MarkerTracker {
   Misfit misfit_;                         // of the first updates
   bool settled_ = false;                  // the start has been refined: what follows is evidence
   bool verified_ = false;                 // a way back has led to where it should
+  bool suspected_ = false;                // the last way back did not
   LossReason failed_ = LossReason::none;  // beyond any odds
   Timestamp converging_since_ = kNever;
 };

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "evmarker/lanes.hpp"
 #include "evmarker/pack.hpp"
 
 namespace evmarker {

@@ -53,7 +53,7 @@ class TrackHealth {
 
   /// Judges the events since the last call by how many of them lie on an edge. Near an edge that is not there they lie
   /// anywhere. More than the usual background, by time, must come for that to mean anything: at rest there is no other.
-  void judge_matches(Timestamp t) noexcept {
+  [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double usual = near_per_us_ * dt_us, near = std::max(0.0, near_ - 2 * usual - 2 * std::sqrt(usual));
     const double expected = (usual_share_ + kAnywhere) / 2;  // half of what is usual would do
