@@ -292,7 +292,7 @@ class MarkerTracker {
     if constexpr (MotionEstimatingRule<Rule>)
       return (matched_ >= fitting || start_search_) && (matched_ >= 4 * fitting || knows_edges(estimate()));
     else
-      return matched_ >= fitting;
+      return matched_ >= fitting || start_search_;
   }
 
   // While the pose converges, it moves by more than the edges do.

@@ -150,7 +150,8 @@ class Verification {
     if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines);
     turn_back(forward);
     start(forward);
-    pause_ = brief_ ? 0 : static_cast<std::size_t>(settings_.every - 1) * past_.size();
+    if (brief_) return step_back(steps_left_, lines);  // a tracker waits for it
+    pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
     return error;
   }
 
