@@ -14,6 +14,7 @@ set boxwidth 0.92
 set logscale y
 set grid ytics mytics linecolor rgb "#dddddd"
 set tics nomirror scale 0.5
+set xtics rotate by 20 right
 array colour[9] = ["#9e9e9e", "#5b8db8", "#d62728", "#e0a030", "#8fc28f", "#3c8d3c", "#c3a3d6", "#7b4fa0", "#3d2352"]
 set multiplot layout 2,1 title "Mean pose error on simulated recordings (a missing bar: never found)" font ",15"
 set key outside top center horizontal maxrows 2 samplen 1.5 font ",11"

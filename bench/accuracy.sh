@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The accuracy table and its plot by one command: builds, simulates, tracks, compares. A quarter of an hour on two cores;
-# --quick takes two minutes.
+# The accuracy table and its plot by one command: builds, simulates, tracks, compares. Three quarters of an hour on two
+# cores; --quick takes some minutes.
 #   bash bench/accuracy.sh [OUTPUT_DIRECTORY [OPTION...]]     options are those of evmarker_accuracy
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/build_program.sh" evmarker_accuracy
