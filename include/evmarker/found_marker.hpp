@@ -2,27 +2,32 @@
 // Floor 7. A marker from its detection on: followed from both poses that a plane allows, until the events decide.
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <concepts>
+#include <limits>
 #include <optional>
 #include <span>
 #include <utility>
 
 #include "evmarker/detection.hpp"
 #include "evmarker/marker_tracker.hpp"
+#include "evmarker/pose_comparison.hpp"
 
 namespace evmarker {
 
 /// A planar marker has two poses that look alike from afar. Where its detection could not tell them apart both are
-/// tracked; once the likelier one has converged, the one whose edges explain the events better goes on.
+/// tracked, and none is called `tracking` before the events say which one it is.
 template <PoseUpdateRule Rule>
 class FoundMarker {
  public:
   /// @throws std::invalid_argument like MarkerTracker
   FoundMarker(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
               const MarkerTrackerSettings<Rule>& settings)
-      : tracker_(lines, model, detection.T_camera_marker, deciding(settings, detection), detection.id) {
-    if (detection.T_camera_marker_alternative)
-      rival_.emplace(lines, model, *detection.T_camera_marker_alternative, deciding(settings, detection), detection.id);
+      : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
+    if (!detection.T_camera_marker_alternative) return;
+    rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
+    tracker_.set_ambiguous(true);
+    rival_->set_ambiguous(true);
   }
 
   /// Takes one event, whose time has been judged already: see MarkerTracker::push_in_time.
@@ -68,33 +73,42 @@ class FoundMarker {
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:
-  static constexpr int kToDecide = 2000;  // matched events by which one of two poses is chosen
-
-  static MarkerTrackerSettings<Rule> deciding(MarkerTrackerSettings<Rule> settings, const MarkerDetection& detection) {
-    if (detection.T_camera_marker_alternative)
-      settings.converging_events = std::max(settings.converging_events, kToDecide);
-    return settings;
-  }
+  // A rule that knows no motion jitters by more than the poses differ: to wait would not tell more.
+  static constexpr int kToDecide = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
+  static constexpr double kBeyondChance = 4;  // standard deviations
+  static constexpr double kAlike_rad = 0.1;
 
   // Not inlined: for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
+    comparison_.add(tracker_.misfit_px2(event), rival_->misfit_px2(event));
     rival_->push_one_in_time(event);
     const PoseEstimate* const pose = tracker_.push_one_in_time(event);
-    if (pose && tracker_.state() != TrackingState::converging && settle()) return &tracker_.tell();
-    return pose;
+    return pose && decided() && settle() ? &tracker_.tell() : pose;
+  }
+
+  bool decided() const noexcept {
+    return lost() || rival_->state() == TrackingState::lost || std::abs(comparison_.z()) > kBeyondChance || alike() ||
+           comparison_.events() >= kToDecide;
+  }
+
+  // Both have come to nearly the same pose.
+  bool alike() const noexcept {
+    const Eigen::Matrix3d &R = tracker_.T_camera_marker().linear(), &other = rival_->T_camera_marker().linear();
+    return R.cwiseProduct(other).sum() > 1 + 2 * std::cos(kAlike_rad);  // trace of the rotation between them
   }
 
   // True if the other pose was the right one.
   bool settle() noexcept {
-    const bool better =
-        rival_->state() != TrackingState::lost && (lost() || rival_->misfit_px() < tracker_.misfit_px());
+    const bool better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
     if (better) std::swap(tracker_, *rival_);
     rival_.reset();
+    tracker_.set_ambiguous(false);
     return better;
   }
 
   MarkerTracker<Rule> tracker_;
   std::optional<MarkerTracker<Rule>> rival_;
+  PoseComparison comparison_;  // of both
 };
 
 }  // namespace evmarker

@@ -69,7 +69,7 @@ class KalmanUpdate {
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
     const double s = c.dark_side_known ? 1 : 0, trailing = -s * c.polarity;
-    const double residual = c.distance_px - s * bias_px_[kOffset] - trailing * bias_px_[kTrail];
+    const double residual = residual_px(c);
     const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
     // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
     if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
@@ -213,6 +213,10 @@ class KalmanUpdate {
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
+  /// How far an event lies from where its edge makes events.
+  [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
+    return c.distance_px - (c.dark_side_known ? bias_px_[kOffset] - c.polarity * bias_px_[kTrail] : 0);
+  }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return bias_px_[kOffset]; }
   /// How far behind their moving edges events lie [px].

@@ -16,7 +16,6 @@
 
 #include "evmarker/edge_follower.hpp"
 #include "evmarker/kalman_update.hpp"
-#include "evmarker/misfit.hpp"
 #include "evmarker/pose.hpp"
 #include "evmarker/start_pose_search.hpp"
 #include "evmarker/time_guard.hpp"
@@ -200,9 +199,12 @@ class MarkerTracker {
     return tell();
   }
 
-  /// How badly the edges explained the events while the tracker converged, to tell which of two starts was right: root
-  /// mean square distance of those on or near the wireframe, unmatched ones at the limit [px]; infinite at first.
-  double misfit_px() const noexcept { return misfit_.px(); }
+  /// While the caller knows of another pose that may be the right one, this one stays `converging`.
+  void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
+  /// See EdgeFollower::misfit_px2.
+  double misfit_px2(const Event& event) const noexcept {
+    return lines_.sensor_size().contains(event.x, event.y) ? follower_.misfit_px2(lines_(event), polarity(event)) : 0;
+  }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
   /// @param around the least width of what it contains around a code marker [cells]
@@ -267,7 +269,6 @@ class MarkerTracker {
   void count_update() noexcept {
     matched_ += follower_.last_update().matched;
     pose_.quality.updated_t = t_;
-    if (misfit_.events() < kMisfitEvents) misfit_.add(follower_.last_update(), settings_.matching.max_distance_px);
     if (pose_.quality.state == TrackingState::converging) converge();
   }
 
@@ -281,7 +282,7 @@ class MarkerTracker {
       verification_.start_window(follower_, VerificationWindow::brief);
     }
     if (elapsed_us(converging_since_, t_) > kLongestConverging_us) failed_ = LossReason::not_confirmed;
-    if (!verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
+    if (ambiguous_ || !verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
     pose_.quality.state = TrackingState::tracking;
     follower_.let_rest();
   }
@@ -373,7 +374,6 @@ class MarkerTracker {
   }
 
   static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // whose times are judged while they are at hand
-  static constexpr int kMisfitEvents = 4000;
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
   static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
 
@@ -389,7 +389,7 @@ class MarkerTracker {
   bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  Misfit misfit_;                         // of the first updates
+  bool ambiguous_ = false;                // another pose may be the right one
   bool settled_ = false;                  // the start has been refined: what follows is evidence
   bool verified_ = false;                 // a way back has led to where it should
   bool suspected_ = false;                // the last way back did not
