@@ -74,3 +74,14 @@ TEST_CASE("half of the events from moving edges move the pose half as much at le
   REQUIRE(around.judged > 100);
   CHECK(around.still < 0.2 * around.judged);
 }
+
+TEST_CASE("a motion too slow to be told from the last events alone is told from more of them, not a rest") {
+  Around around;
+  around.share.expect_matching(1.0 / 3);
+  around.pass(1, 1000, 2000);
+  around.pass(2, 1300, 2000);
+  REQUIRE(around.judged > 20);
+  CHECK(around.still < 0.5 * around.judged);
+  around.pass(2, 1000, 2000);
+  CHECK(around.still > 0.6 * around.judged);  // it takes as long to be sure again
+}

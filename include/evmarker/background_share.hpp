@@ -29,8 +29,10 @@ class BackgroundShare {
     const double background = matching_to_others_ * std::min(1.0 * others_, 2 * others_per_us_ * dt_us);
     others_per_us_ += dt_us / (dt_us + known_us_) * (others_ / dt_us - others_per_us_);
     known_us_ = std::min(known_us_ + dt_us, kMemory_us);
-    const double deviation = std::sqrt(background * (1 + matching_to_others_));
-    signal_ = std::clamp(2 * (matched_ - background - kSurely * deviation) / matched_, 0.0, 1.0);
+    const Excess now{1.0 * matched_, matched_ - background, background * (1 + matching_to_others_)};
+    // A motion that is too slow to be told from the last events alone is told from all since the last one that was not.
+    lately_ = now.signal() < 0.5 ? lately_.faded_by(now) : Excess();
+    signal_ = std::max(now.signal(), lately_.signal());
     matched_ = others_ = 0;
     return true;
   }
@@ -39,7 +41,19 @@ class BackgroundShare {
   double signal() const noexcept { return signal_; }
 
  private:
+  // By how many the events on the edges are more than the background would make there.
+  struct Excess {
+    double matched = 0, events = 0, variance = 0;
+    double signal() const noexcept {
+      return matched > 0 ? std::clamp(2 * (events - kSurely * std::sqrt(variance)) / matched, 0.0, 1.0) : 0;
+    }
+    Excess faded_by(const Excess& now) const noexcept {
+      return {kKept * matched + now.matched, kKept * events + now.events, kKept * variance + now.variance};
+    }
+  };
+
   static constexpr int kTogether = 64;
+  static constexpr double kKept = 15.0 / 16;
   static constexpr double kMemory_us = 500000, kLeast = 0.05, kSurely = 2.5;
 
   double matching_to_others_ = 0.5;
@@ -47,6 +61,7 @@ class BackgroundShare {
   bool begun_ = false;
   double t_us_ = 0, known_us_ = 0;  // time of the last judgement; since when the rate is known
   double others_per_us_ = 0, signal_ = 1;
+  Excess lately_;
 };
 
 }  // namespace evmarker

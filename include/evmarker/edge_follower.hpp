@@ -126,7 +126,7 @@ class EdgeFollower {
     }
   }
   /// From here on the pose is right, so that many events beside the edges mean that the marker rests: see
-  /// BackgroundShare. For a rule that knows no motion.
+  /// BackgroundShare.
   void let_rest() noexcept { may_rest_ = true; }
   int events_per_update() const noexcept { return events_per_update_; }
 
@@ -135,6 +135,8 @@ class EdgeFollower {
 
   /// How many matched events are still needed for the next update.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
+  /// How many have come since the last one.
+  int collected() const noexcept { return matched_; }
 
   /// Goes on from another pose, with what the rule has learned so far.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {

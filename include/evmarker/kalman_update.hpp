@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -121,6 +122,10 @@ class KalmanUpdate {
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    if (signal_ == 0) {  // at rest: what comes next takes up from here
+      forget_events();
+      return true;
+    }
     const double dt = 1e-6 * us_since_update(t);
     const int count = measurements_.count();
     const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
@@ -130,7 +135,7 @@ class KalmanUpdate {
     limit_motion(count, dt);
     error.x.head<6>() = predict(mean_dt);
 
-    const double per_event = 1 / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
+    const double per_event = signal_ / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
     const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
@@ -149,6 +154,9 @@ class KalmanUpdate {
     correct_biases(error);
     return true;
   }
+
+  /// @param share of the events that tells of the marker; 0 at rest
+  void expect_signal(double share) noexcept { signal_ = share; }
 
   /// From here on, edges that all move by a pixel make so many events, those of one pixel in one passage together: what
   /// the events do not say has not moved.
@@ -175,13 +183,15 @@ class KalmanUpdate {
     forget_events();
   }
 
-  /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
-  /// an update yet are forgotten.
-  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+  /// Moves the pose on to a later time with the present velocity; its covariance grows, by how little the marker can
+  /// have moved if it is known how many events it made. Events that have not led to an update yet are forgotten.
+  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t, std::optional<int> events = std::nullopt) noexcept {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
     most_motion_m_ = kInfinity;
+    if (events && signal_ == 0) return;  // at rest
+    if (events) limit_motion(*events, dt);
     perturb(T_camera_marker, predict(dt));
   }
 
@@ -349,6 +359,7 @@ class KalmanUpdate {
   Vector6d twist_ = Vector6d::Zero();
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
   double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
+  double signal_ = 1;                      // see expect_signal
   double events_together_ = 1;
   double events_per_px_ = 0;  // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;

@@ -189,8 +189,15 @@ class MarkerTracker {
   }
 
   /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its covariance grows
-  /// with its age.
-  PoseEstimate pose_at(Timestamp t) const noexcept { return extrapolated(estimate(), follower_.rule(), t); }
+  /// with its age; hardly until `heard`, before which all events have been pushed: a marker that moves would have made
+  /// some.
+  PoseEstimate pose_at(Timestamp t, Timestamp heard = std::numeric_limits<Timestamp>::min()) const noexcept {
+    PoseEstimate pose = estimate();
+    Rule rule = follower_.rule();
+    if constexpr (requires { rule.extrapolate(pose.T_camera_marker, t, 1); })
+      rule.extrapolate(pose.T_camera_marker, std::clamp(heard, t_, std::max(t, t_)), follower_.collected());
+    return extrapolated(pose, rule, t);
+  }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
   [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {

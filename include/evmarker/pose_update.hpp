@@ -38,10 +38,10 @@ concept GroupUpdateRule = PoseUpdateRule<R> &&
   noexcept;
 };
 
-/// A rule that knows no motion: that its marker rests, and that the events are background, it must be told.
+/// A rule that is told how many of the events are background: all of them while the marker rests.
 template <typename R>
 concept RestingRule = PoseUpdateRule<R> && requires(R& rule) {
-  /// From here on, updates move the pose by so much of what they would.
+  /// From here on, so much of the matched events tells of the marker.
   { rule.expect_signal(1.0) }
   noexcept;
 };

@@ -251,7 +251,7 @@ class Pipeline {
       if (!t) return;
       ticks_.clear();
       for (const auto& marker : core_->markers())
-        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t) : marker.estimate());
+        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, *t) : marker.estimate());
       ++delivered_.ticks;
       call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
     }
