@@ -259,7 +259,7 @@ TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from t
     for (; expected.size() < times.size() && event.t >= times[expected.size()];) {
       const Timestamp t = times[expected.size()];
       expected.emplace_back();
-      for (const auto& marker : tracker.markers()) expected.back().push_back(marker.pose_at(t));
+      for (const auto& marker : tracker.markers()) expected.back().push_back(marker.pose_at(t, t));
     }
     tracker.push(event);
   }

@@ -135,8 +135,6 @@ class EdgeFollower {
 
   /// How many matched events are still needed for the next update.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
-  /// How many have come since the last one.
-  int collected() const noexcept { return matched_; }
 
   /// Goes on from another pose, with what the rule has learned so far.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {

@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -183,16 +182,22 @@ class KalmanUpdate {
     forget_events();
   }
 
-  /// Moves the pose on to a later time with the present velocity; its covariance grows, by how little the marker can
-  /// have moved if it is known how many events it made. Events that have not led to an update yet are forgotten.
-  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t, std::optional<int> events = std::nullopt) noexcept {
-    forget_events();
-    const double dt = 1e-6 * us_since_update(t);
-    t_us_ = static_cast<double>(t);
+  /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
+  /// an update yet are forgotten.
+  void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     most_motion_m_ = kInfinity;
-    if (events && signal_ == 0) return;  // at rest
-    if (events) limit_motion(*events, dt);
-    perturb(T_camera_marker, predict(dt));
+    pass(T_camera_marker, t);
+  }
+
+  /// The same where the marker made no events but those that were added: it can hardly have moved.
+  void wait(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    if (signal_ == 0) {
+      forget_events();
+      t_us_ = std::max(t_us_, static_cast<double>(t));
+      return;
+    }
+    limit_motion(measurements_.count(), 1e-6 * us_since_update(t));
+    pass(T_camera_marker, t);
   }
 
   void reverse() noexcept {
@@ -238,6 +243,13 @@ class KalmanUpdate {
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
+
+  void pass(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    forget_events();
+    const double dt = 1e-6 * us_since_update(t);
+    t_us_ = static_cast<double>(t);
+    perturb(T_camera_marker, predict(dt));
+  }
 
   void forget_events() noexcept {
     measurements_.clear();

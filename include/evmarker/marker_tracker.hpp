@@ -178,25 +178,16 @@ class MarkerTracker {
   /// The present estimate: of the last update, or the start.
   PoseEstimate estimate() const noexcept {
     PoseEstimate pose = pose_;
-    describe(pose);
-    return pose;
+    return describe(pose);
   }
 
   /// The same, valid until the next push.
-  const PoseEstimate& tell() noexcept {
-    describe(pose_);
-    return pose_;
-  }
+  const PoseEstimate& tell() noexcept { return describe(pose_); }
 
   /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its covariance grows
-  /// with its age; hardly until `heard`, before which all events have been pushed: a marker that moves would have made
-  /// some.
-  PoseEstimate pose_at(Timestamp t, Timestamp heard = std::numeric_limits<Timestamp>::min()) const noexcept {
-    PoseEstimate pose = estimate();
-    Rule rule = follower_.rule();
-    if constexpr (requires { rule.extrapolate(pose.T_camera_marker, t, 1); })
-      rule.extrapolate(pose.T_camera_marker, std::clamp(heard, t_, std::max(t, t_)), follower_.collected());
-    return extrapolated(pose, rule, t);
+  /// with its age; hardly until `heard`, before which all events have been pushed: a marker that moves makes some.
+  PoseEstimate pose_at(Timestamp t, Timestamp heard = kNothingHeard) const noexcept {
+    return extrapolated(estimate(), follower_.rule(), t, heard);
   }
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
@@ -312,7 +303,7 @@ class MarkerTracker {
   }
 
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
-  void describe(PoseEstimate& pose) const noexcept {
+  PoseEstimate& describe(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;
     pose.T_camera_marker = follower_.T_camera_marker();
@@ -326,6 +317,7 @@ class MarkerTracker {
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
     pose.quality.health = health_.probability();
+    return pose;
   }
 
   // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
@@ -342,8 +334,7 @@ class MarkerTracker {
     const PoseEstimate* pose = nullptr;
     for (int i = 0; i < kReplayed && starting_ && state() != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
-      if (const PoseEstimate* const next = note(past, follower_.push(lines_(past), past.t, polarity(past))))
-        pose = next;
+      if (const auto* next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
       starting_ = start_search_->replaying();
     }
     return pose;

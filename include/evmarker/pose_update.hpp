@@ -1,6 +1,8 @@
 #pragma once
 // Floor 3. What an update rule must offer: how matched events move the pose.
+#include <algorithm>
 #include <concepts>
+#include <limits>
 
 #include "evmarker/correspondence.hpp"
 #include "evmarker/pose.hpp"
@@ -57,9 +59,16 @@ concept MotionEstimatingRule = PoseUpdateRule<R> &&
   { constant.twist() } -> std::same_as<Vector6d>;
 };
 
+/// No event since the marker's last one.
+inline constexpr Timestamp kNothingHeard = std::numeric_limits<Timestamp>::min();
+
 /// A pose moved on to a later time by the rule that estimated it, as far as it knows how.
+/// @param heard until when all events have been pushed: how few of them are the marker's tells how little it moved
 template <PoseUpdateRule Rule>
-PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t) noexcept {
+PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t, Timestamp heard = kNothingHeard) noexcept {
+  if constexpr (requires { rule.wait(pose.T_camera_marker, t); })
+    if (pose.quality.state != TrackingState::lost)
+      rule.wait(pose.T_camera_marker, std::max(pose.t, std::min(heard, t)));
   pose.t = t;
   if constexpr (MotionEstimatingRule<Rule>) {
     rule.extrapolate(pose.T_camera_marker, t);

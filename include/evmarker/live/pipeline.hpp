@@ -157,7 +157,7 @@ class Pipeline {
       } else {
         catch_up();
         deliver_triggers(last_block_ + 1);
-        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()));
+        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kNothingHeard);
       }
       published_.publish(*core_, delivered_);
     }
@@ -182,7 +182,7 @@ class Pipeline {
     clock_.begin(block);
     for (std::span<const Event> left = block.span(); !left.empty();) {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
-      if (const auto next = core_->next_t(left.front())) deliver_ticks(*next);
+      if (const auto next = core_->next_t(left.front())) deliver_ticks(*next, *next);
       bool due = false;
       Timestamp t = 0;
       const auto stop = [&](const Event& e) {
@@ -243,15 +243,15 @@ class Pipeline {
 
   bool ticks_by_wall() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }
 
-  // Before an event: the poses know of nothing later.
-  void deliver_ticks(Timestamp now) {
+  // Before an event: the poses know of nothing later. All events before `heard` have come.
+  void deliver_ticks(Timestamp now, Timestamp heard) {
     if (!settings_.on_tick) return;
     while (!stopping_) {
       const auto t = clock_.due(now);
       if (!t) return;
       ticks_.clear();
       for (const auto& marker : core_->markers())
-        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, *t) : marker.estimate());
+        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, heard) : marker.estimate());
       ++delivered_.ticks;
       call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
     }
