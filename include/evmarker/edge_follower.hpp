@@ -52,7 +52,6 @@ class EdgeFollower {
         matcher_(std::move(model), focal_length, settings.matching),
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
-        max_distance_px_(settings.matching.max_distance_px),
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
@@ -158,10 +157,10 @@ class EdgeFollower {
     expect_motion();
   }
 
-  /// How badly the present pose explains an event: squared distance from where its edge makes events, at most a pixel.
-  /// Any farther it is noise or another edge's, however far it is; not with a rule that lags behind the motion.
+  /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most
+  /// one: any farther it is noise or another edge's. With a rule that lags behind the motion it may yet be its own.
   double misfit_px2(const Eigen::Vector2d& m, double polarity) const noexcept {
-    const double most_px2 = MotionEstimatingRule<Rule> ? 1 : max_distance_px_ * max_distance_px_;
+    const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px(), most_px2 = most_px * most_px;
     Correspondence c;
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
     c.polarity = polarity;
@@ -358,7 +357,6 @@ class EdgeFollower {
   bool added_together_ = false;
   double edge_length_m_ = 0;           // of the model
   int moves_at_most_ = 1, moves_ = 0;  // updates since edges were chosen at a new pose
-  double max_distance_px_;             // at which events match
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;

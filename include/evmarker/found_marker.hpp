@@ -76,7 +76,7 @@ class FoundMarker {
   // A rule that knows no motion jitters by more than the poses differ: to wait would not tell more.
   static constexpr int kToDecide = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
   static constexpr double kBeyondChance = 4;  // standard deviations
-  static constexpr double kAlike_rad = 0.1;
+  static constexpr double kAlike_rad = 0.1;   // then it does not matter which
 
   // Not inlined: for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {

@@ -121,7 +121,7 @@ class KalmanUpdate {
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_ == 0) {  // at rest: what comes next takes up from here
+    if (signal_ == 0) {  // at rest: the first update after it bridges all of it
       forget_events();
       return true;
     }
@@ -186,7 +186,7 @@ class KalmanUpdate {
   /// an update yet are forgotten.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     most_motion_m_ = kInfinity;
-    pass(T_camera_marker, t);
+    advance(T_camera_marker, t);
   }
 
   /// The same where the marker made no events but those that were added: it can hardly have moved.
@@ -197,7 +197,7 @@ class KalmanUpdate {
       return;
     }
     limit_motion(measurements_.count(), 1e-6 * us_since_update(t));
-    pass(T_camera_marker, t);
+    advance(T_camera_marker, t);
   }
 
   void reverse() noexcept {
@@ -244,7 +244,7 @@ class KalmanUpdate {
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
-  void pass(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+  void advance(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
