@@ -12,6 +12,8 @@
 #include "evmarker/accuracy.hpp"
 #include "evmarker/decoupled_update.hpp"
 #include "evmarker/kalman_update.hpp"
+#include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/sensor_preset.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -172,6 +174,77 @@ TEST_CASE("a body that does not come back is searched and told as lost, once") {
   CHECK(tracker.searching_again());
   CHECK(tracker.estimate().quality.state == TrackingState::lost);
   CHECK(tracker.pose_at(600000).quality.state == TrackingState::lost);
+}
+
+namespace {
+
+// A dark box that sways before a wall, in the image of an old sensor. A light stick and a dark one touch two of its
+// corners and slide along there: for a quarter of its outline their edges lie a few pixels beside its own.
+struct TouchedBox {
+  PinholeCamera camera{{128, 128}, 112.5, 112.5, 63.5, 63.5};
+  Trajectory motion;
+  Wireframe body{200, make_square_marker(kMarkerLength), std::nullopt};
+  std::vector<Event> events;
+
+  explicit TouchedBox(std::uint64_t seed) {
+    Random random(seed);
+    motion = trajectory::handheld({.T_center = facing_pose({0, 0, 0.2}),
+                                   .amplitude_m = {0.025, 0.025, 0.03},
+                                   .amplitude_rad = {0.35, 0.35, 0.5},
+                                   .frequency_hz = 0.7,
+                                   .seed = random.bits()});
+    body.model.cells = 0;
+    body.start = motion(0);
+    Scene scene;
+    scene.markers.push_back({.id = 0,
+                             .length = kMarkerLength,
+                             .bits = CodeBits::Zero(4, 4),
+                             .T_camera_marker = motion,
+                             .quiet_zone_cells = 0});
+    scene.background = {.mean = 0.4, .contrast = 0.5, .texture_size_px = 12, .seed = random.bits()};
+    for (const bool left : {true, false}) {
+      const Eigen::Vector3d corner((left ? -0.5 : 0.5) * kMarkerLength, 0.5 * kMarkerLength, 0);
+      const double phase = random.uniform(0, 2 * std::numbers::pi);
+      scene.occluders.push_back({.center_px =
+                                     [camera = camera, motion = motion, corner, phase](double s) {
+                                       const Eigen::Vector2d way(std::sin(3 * s + phase), std::sin(2 * s + 2 * phase));
+                                       return Eigen::Vector2d(camera.project(motion(s) * corner) + 4 * way);
+                                     },
+                                 .half_size_px = left ? Eigen::Vector2d(12, 2.5) : Eigen::Vector2d(3, 12),
+                                 .shade = left ? 0.6 : 0.1});
+    }
+    SimulatorSettings sensor = sensor_preset("dvs128").settings;
+    sensor.duration_s = 4;
+    sensor.seed = random.bits();
+    events = simulated::record(Simulator(camera, scene, sensor));
+  }
+};
+
+}  // namespace
+
+TEST_CASE("sticks that touch a body do not pull its edge offset below zero, and hardly its pose away") {
+  double right = 0, poses = 0;
+  for (std::uint64_t seed = 21; seed < 27; ++seed) {
+    const TouchedBox box(seed);
+    WireframeTracker<KalmanUpdate> tracker(box.camera, box.body);
+    double box_right = 0, box_poses = 0, offset_px = 0;
+    for (const Event& event : box.events)
+      if (const PoseEstimate* const pose = tracker.push(event)) {
+        if (pose->quality.state != TrackingState::tracking) continue;
+        const Eigen::Isometry3d error =
+            box.motion(1e-6 * static_cast<double>(pose->t)).inverse() * pose->T_camera_marker;
+        ++box_poses;
+        box_right += error.translation().norm() < 0.01 && Eigen::AngleAxisd(error.linear()).angle() < 0.14;
+        offset_px = *pose->edge_offset_px;
+      }
+    MESSAGE("seed " << seed << ": " << box_poses << " poses, right " << 100 * box_right / box_poses
+                    << " %, edge offset at last " << offset_px << " px");
+    CHECK(offset_px >= 0);
+    right += box_right;
+    poses += box_poses;
+  }
+  REQUIRE(poses > 1000);
+  CHECK(right > 0.85 * poses);
 }
 
 TEST_CASE("a body without a start, or with one behind the camera, is refused with what is wrong") {

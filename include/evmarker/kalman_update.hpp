@@ -257,8 +257,10 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    bias_px_[kOffset] += error.b[kOffset];
-    bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);  // no event comes before its edge
+    // A logarithm is steepest where it is dark, and no event comes before its edge: neither is negative, whatever else
+    // makes events beside the edges.
+    bias_px_[kOffset] = std::max(0.0, bias_px_[kOffset] + error.b[kOffset]);
+    bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);
   }
 
   void average(int count) noexcept {
