@@ -256,7 +256,7 @@ TEST_CASE("a displaced pose comes home within a few updates of exact events, for
 
 TEST_CASE("events beside their edges become an edge offset, not a bias of the pose") {
   const auto still = [](double) { return kTruth; };
-  for (const double offset_px : {0.5, 0.2})
+  for (const double offset_px : {0.45, 0.2})
     for (const int n : {1, 10, 100}) {
       CAPTURE(offset_px);
       CAPTURE(n);
@@ -274,6 +274,10 @@ TEST_CASE("events beside their edges become an edge offset, not a bias of the po
   ExactEvents beside(52);
   follow(pulled, beside, still, 20000, 0, 10, -0.4);
   CHECK(pulled.rule().edge_offset_px() == 0);
+  // And no farther than the edge is wide.
+  Follower pushed = follower(kTruth, 10);
+  follow(pushed, beside, still, 20000, 0, 10, 0.9);
+  CHECK(pushed.rule().edge_offset_px() == 0.5);
   // A model that does not know its dark sides cannot know the offset.
   MarkerModel blind = kCode;
   for (MarkerSegment& segment : blind.segments) segment.dark_side.setZero();

@@ -222,7 +222,7 @@ struct TouchedBox {
 
 }  // namespace
 
-TEST_CASE("sticks that touch a body do not pull its edge offset below zero, and hardly its pose away") {
+TEST_CASE("sticks that touch a body hardly pull its pose and its edge offset away") {
   double right = 0, poses = 0;
   for (std::uint64_t seed = 21; seed < 27; ++seed) {
     const TouchedBox box(seed);
@@ -244,7 +244,7 @@ TEST_CASE("sticks that touch a body do not pull its edge offset below zero, and 
     poses += box_poses;
   }
   REQUIRE(poses > 1000);
-  CHECK(right > 0.85 * poses);
+  CHECK(right > 0.94 * poses);
 }
 
 TEST_CASE("a body without a start, or with one behind the camera, is refused with what is wrong") {

@@ -257,10 +257,16 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // A logarithm is steepest where it is dark, and no event comes before its edge: neither is negative, whatever else
-    // makes events beside the edges.
-    bias_px_[kOffset] = std::max(0.0, bias_px_[kOffset] + error.b[kOffset]);
+    // Whatever else makes events beside the edges: a logarithm is steepest where it is dark, but no farther there than
+    // the edge's own width, and no event comes before its edge.
+    bias_px_[kOffset] = std::clamp(bias_px_[kOffset] + error.b[kOffset], 0.0, half_width_px());
     bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);
+  }
+
+  // Of an edge in the image: how far its events are spread, and half of a pixel even if it is sharp.
+  double half_width_px() const noexcept {
+    constexpr double kPixel2 = 0.25;
+    return std::sqrt(std::max(spread2_px_, kPixel2));
   }
 
   void average(int count) noexcept {
