@@ -7,6 +7,7 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <numbers>
 #include <optional>
 #include <span>
 #include <utility>
@@ -265,6 +266,58 @@ TEST_CASE("a detection must be confirmed, an id is tracked once, and a full hous
   CHECK(b.front().t - a.front().t > 19000);  // four looks of 5 ms
   CHECK(eager.statistics().registered == 1);
   CHECK(eager.markers().size() == 1);
+}
+
+TEST_CASE("a detection that leaves no doubt refutes what was found at another tilt before") {
+  const Eigen::Isometry3d T = facing_pose({0.05, 0, 0.6}, {0.2, 0.3, 0});
+  const auto tilted = [&](double rad) {
+    Eigen::Isometry3d other = T;
+    other.linear() = so3_exp({0, rad, 0}) * T.linear();
+    return other;
+  };
+  struct Detector {
+    MarkerDetection detection;
+    std::vector<MarkerDetection> detect(const PolarityFrame&) const { return {detection}; }
+    bool shows(MarkerId, const Eigen::Isometry3d&) const { return true; }  // the code is to be seen at both
+    MarkerModel model(MarkerId) const { return make_square_marker(simulated::kMarkerLength); }
+  };
+  MarkerDetection detection{.id = 3, .T_camera_marker = T};
+  const auto sighting = [&](const MarkerDetection& seen, const PlacedMarker& tracked) {
+    Detector detector{seen};
+    const Look look{0, 0, 500, {tracked}, {}};
+    const Findings findings = answer(detector, PolarityFrame(simulated::camera.sensor_size()), look);
+    REQUIRE(findings.sightings.size() == 1);
+    return findings.sightings[0];
+  };
+  CHECK(sighting(detection, {3, tilted(0)}) == Sighting::there);
+  CHECK(sighting(detection, {3, tilted(0.2)}) == Sighting::there);  // it may be the detection that errs
+  CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::elsewhere);
+  CHECK(sighting(detection, {4, tilted(0.3)}) == Sighting::there);
+  detection.T_camera_marker_alternative = tilted(0.6);
+  CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::there);
+}
+
+TEST_CASE("a marker that was found at a wrong tilt is not announced, but found again") {
+  const Trajectory motion = simulated::near_motion(62);
+  const auto events = simulated::near_events(motion, 0.2, 62);
+  // As behind something that just leaves it: once, 25 deg off, and sure of it.
+  struct FirstWrong : KnowingDetector {
+    int looks = 0;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+      auto found = KnowingDetector::detect(frame);
+      if (!found.empty() && ++looks == 1) {
+        Eigen::Matrix3d R = found[0].T_camera_marker.linear();
+        found[0].T_camera_marker.linear() = so3_exp({0, 25 * std::numbers::pi / 180, 0}) * R;
+      }
+      return found;
+    }
+  };
+  Tracker tracker(simulated::camera, FirstWrong{{motion}});
+  AccuracyMeter meter;
+  for (const PoseEstimate& pose : track(tracker, events)) meter.add(pose, motion(seconds(pose.t)));
+  REQUIRE(meter.tracking() > 500);
+  MESSAGE("first pose after " << meter.first_t() << " us, at most " << meter.rotation_deg().max << " deg off");
+  CHECK(meter.rotation_deg().max < 5);
 }
 
 TEST_CASE("a marker that was moved while the camera was restarted is found where it is now") {

@@ -41,12 +41,13 @@ class Candidate {
   /// Whether a look at the frame as it is now can be asked for the code. It is remembered until the next one.
   bool ask(const EventHistory& history) noexcept { return asked_ = caught_up(history); }
   bool asked() const noexcept { return asked_; }
-  void answer(bool shown) noexcept {
+  void answer(Sighting sighting) noexcept {
     ++looks_;
-    sightings_ += shown;
+    sightings_ += sighting == Sighting::there;
+    elsewhere_ = sighting == Sighting::elsewhere;
   }
   int sightings() const noexcept { return sightings_; }
-  bool hopeless() const noexcept { return marker_.lost() || looks_ > kPatience; }
+  bool hopeless() const noexcept { return marker_.lost() || elsewhere_ || looks_ > kPatience; }
 
   FoundMarker<Rule>& marker() noexcept { return marker_; }
   const FoundMarker<Rule>& marker() const noexcept { return marker_; }
@@ -57,7 +58,7 @@ class Candidate {
   FoundMarker<Rule> marker_;
   std::uint64_t next_;      // position of the next event to take
   std::uint64_t found_at_;  // position of the first event that came after the answer
-  bool asked_ = false;
+  bool asked_ = false, elsewhere_ = false;
   int sightings_ = 1;
   int looks_ = 1;
 };
@@ -105,7 +106,7 @@ class Candidates {
     std::size_t place = 0;
     for (Candidate<Rule>& candidate : candidates_)
       if (candidate.asked()) {
-        candidate.answer(place < findings.confirmed.size() && findings.confirmed[place]);
+        candidate.answer(place < findings.sightings.size() ? findings.sightings[place] : Sighting::none);
         ++place;
       }
   }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "evmarker/detection.hpp"
+#include "evmarker/so3.hpp"
 
 namespace evmarker {
 
@@ -25,16 +26,20 @@ struct Look {
   std::vector<PlacedMarker> missing;      ///< where they must be by now: does the frame show them nearby?
 };
 
+/// What a frame says of a marker that was tracked from an earlier one on. `elsewhere`: it shows it, but not at that
+/// pose.
+enum class Sighting { none, there, elsewhere };
+
 /// The answer.
 struct Findings {
   struct Found {
     MarkerDetection detection;
     MarkerModel model;
   };
-  std::uint64_t position = 0;     ///< of the look
-  std::vector<Found> found;       ///< by the detector itself, and then the missing markers that were found by search
-  std::size_t detected = 0;       ///< how many of them the detector found by itself
-  std::vector<bool> confirmed{};  ///< for each of the look's unconfirmed markers
+  std::uint64_t position = 0;  ///< of the look
+  std::vector<Found> found;    ///< by the detector itself, and then the missing markers that were found by search
+  std::size_t detected = 0;    ///< how many of them the detector found by itself
+  std::vector<Sighting> sightings{};  ///< of each of the look's unconfirmed markers
 };
 
 /// Whether a pose is within half the marker's own size of where it was detected.
@@ -45,6 +50,14 @@ inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d
   const double apart_px = focal_length * (a.head<2>() / a.z() - b.head<2>() / b.z()).norm();
   return apart_px < 0.25 * ((detection.corners_px[0] - detection.corners_px[2]).norm() +
                             (detection.corners_px[1] - detection.corners_px[3]).norm());
+}
+
+/// Whether a detection that leaves no doubt about the tilt has another one. In the image poses that differ by that can
+/// be a pixel apart, so that the code is to be seen at both.
+inline bool tilted_otherwise(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
+  constexpr double kDiffers_rad = 0.25;
+  return !detection.T_camera_marker_alternative &&
+         geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
 /// Asks a detector. One that has members `shows(id, T_camera_marker)` and `search(id, T_camera_marker)`, both about the
@@ -67,14 +80,22 @@ Findings answer(Detector& detector, const PolarityFrame& frame, const Look& look
       if (!found_by_id(id))
         if (const auto detection = detector.search(id, T_camera_marker)) add(*detection);
 
-  for (const PlacedMarker& marker : look.unconfirmed)
-    if constexpr (requires { detector.shows(marker.id, marker.T_camera_marker); })
-      findings.confirmed.push_back(detector.shows(marker.id, marker.T_camera_marker));
+  for (const PlacedMarker& marker : look.unconfirmed) {
+    const auto& [id, T_camera_marker] = marker;
+    const auto detected_end = findings.found.begin() + static_cast<std::ptrdiff_t>(findings.detected);
+    const auto found =
+        std::find_if(findings.found.begin(), detected_end, [id](const auto& f) { return f.detection.id == id; });
+    const bool detected = found != detected_end;
+    bool there = false;
+    if constexpr (requires { detector.shows(id, T_camera_marker); })
+      there = detector.shows(id, T_camera_marker);
     else
-      findings.confirmed.push_back(std::ranges::any_of(findings.found, [&](const Findings::Found& found) {
-        return found.detection.id == marker.id &&
-               same_place(found.detection, marker.T_camera_marker, look.focal_length);
-      }));
+      there = detected && same_place(found->detection, T_camera_marker, look.focal_length);
+    if (detected && tilted_otherwise(found->detection, T_camera_marker))
+      findings.sightings.push_back(Sighting::elsewhere);
+    else
+      findings.sightings.push_back(there ? Sighting::there : Sighting::none);
+  }
   return findings;
 }
 
