@@ -7,7 +7,6 @@
 #include <iterator>
 #include <limits>
 #include <map>
-#include <numbers>
 #include <optional>
 #include <span>
 #include <utility>
@@ -297,29 +296,6 @@ TEST_CASE("a detection that leaves no doubt refutes what was found at another ti
   CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::there);
 }
 
-TEST_CASE("a marker that was found at a wrong tilt is not announced, but found again") {
-  const Trajectory motion = simulated::near_motion(62);
-  const auto events = simulated::near_events(motion, 0.2, 62);
-  // As behind something that just leaves it: once, 25 deg off, and sure of it.
-  struct FirstWrong : KnowingDetector {
-    int looks = 0;
-    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
-      auto found = KnowingDetector::detect(frame);
-      if (!found.empty() && ++looks == 1) {
-        Eigen::Matrix3d R = found[0].T_camera_marker.linear();
-        found[0].T_camera_marker.linear() = so3_exp({0, 25 * std::numbers::pi / 180, 0}) * R;
-      }
-      return found;
-    }
-  };
-  Tracker tracker(simulated::camera, FirstWrong{{motion}});
-  AccuracyMeter meter;
-  for (const PoseEstimate& pose : track(tracker, events)) meter.add(pose, motion(seconds(pose.t)));
-  REQUIRE(meter.tracking() > 500);
-  MESSAGE("first pose after " << meter.first_t() << " us, at most " << meter.rotation_deg().max << " deg off");
-  CHECK(meter.rotation_deg().max < 5);
-}
-
 TEST_CASE("a marker that was moved while the camera was restarted is found where it is now") {
   const auto sway = [](double x_m) {  // on that side of the image
     return trajectory::handheld(
@@ -487,33 +463,61 @@ TEST_CASE("a marker that another one covers in part is followed by its own edges
   }
 }
 
+namespace {
+
+// 1.2 m away and tilted, the marker looks almost the same tilted the other way.
+const Trajectory kTilted = trajectory::handheld({.T_center = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),
+                                                 .amplitude_m = {0.15, 0.12, 0.1},
+                                                 .amplitude_rad = {0.05, 0.05, 0.1},
+                                                 .frequency_hz = 1.3,
+                                                 .seed = 60});
+
+Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T) {
+  const Eigen::Matrix3d facing = facing_pose({0, 0, 1}).linear();
+  const Eigen::Vector3d turn = so3_log(T.linear() * facing.transpose());
+  return facing_pose(T.translation(), {-turn.x(), -turn.y(), turn.z()});
+}
+
+}  // namespace
+
+TEST_CASE("a marker that was found at the mirrored tilt, for sure, is not announced there") {
+  // As behind something that just leaves it: once. It is followed there, for its image is nearly the same.
+  struct MistakenOnce : KnowingDetector {
+    int looks = 0;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+      auto found = KnowingDetector::detect(frame);
+      if (++looks == 1) found[0].T_camera_marker = mirrored(found[0].T_camera_marker);
+      return found;
+    }
+  };
+  const auto events = simulated::near_events(kTilted, 0.3, 62);
+  Tracker tracker(simulated::camera, MistakenOnce{{kTilted}});
+  AccuracyMeter meter;
+  for (const PoseEstimate& pose : track(tracker, events)) meter.add(pose, kTilted(seconds(pose.t)));
+  REQUIRE(meter.tracking() > 200);
+  MESSAGE("first pose after " << meter.first_t() << " us, at most " << meter.rotation_deg().max << " deg off");
+  CHECK(meter.rotation_deg().max < 10);
+}
+
 TEST_CASE("of a planar marker's two poses, the events choose the right one") {
-  // 1.2 m away and tilted, the marker looks almost the same tilted the other way.
-  const Trajectory motion = trajectory::handheld({.T_center = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),
-                                                  .amplitude_m = {0.15, 0.12, 0.1},
-                                                  .amplitude_rad = {0.05, 0.05, 0.1},
-                                                  .frequency_hz = 1.3,
-                                                  .seed = 60});
   struct MistakenDetector {  // takes the mirrored pose for the likelier one
     KnowingDetector knowing;
     std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
       auto found = knowing.detect(frame);
-      const Eigen::Isometry3d truth = found[0].T_camera_marker;
-      const Eigen::Matrix3d facing = facing_pose({0, 0, 1}).linear();
-      const Eigen::Vector3d turn = so3_log(truth.linear() * facing.transpose());
-      found[0].T_camera_marker = facing_pose(truth.translation(), {-turn.x(), -turn.y(), turn.z()});
-      found[0].T_camera_marker_alternative = truth;
+      found[0].T_camera_marker_alternative = found[0].T_camera_marker;
+      found[0].T_camera_marker = mirrored(found[0].T_camera_marker);
       return found;
     }
     MarkerModel model(MarkerId id) const { return knowing.model(id); }
   };
-  const auto events = simulated::near_events(motion, 0.6, 60);
-  Tracker tracker(simulated::camera, MistakenDetector{{motion}}, {.detections_to_confirm = 1});  // poses from the start
+  const auto events = simulated::near_events(kTilted, 0.6, 60);
+  Tracker tracker(simulated::camera, MistakenDetector{{kTilted}},
+                  {.detections_to_confirm = 1});  // poses from the start
   AccuracyMeter meter;
   double first_error_deg = 0;
   for (const PoseEstimate& pose : track(tracker, events)) {
-    if (meter.poses() == 0) first_error_deg = pose_error(pose.T_camera_marker, motion(seconds(pose.t))).rotation_deg;
-    meter.add(pose, motion(seconds(pose.t)));
+    if (meter.poses() == 0) first_error_deg = pose_error(pose.T_camera_marker, kTilted(seconds(pose.t))).rotation_deg;
+    meter.add(pose, kTilted(seconds(pose.t)));
   }
   REQUIRE(first_error_deg > 30);
   REQUIRE(meter.tracking() > 500);
