@@ -295,6 +295,13 @@ TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing a
   CHECK(poses.back().t < 130000);
   for (std::size_t i = 0; i + 1 < poses.size(); ++i) CHECK(poses[i].quality.state != TrackingState::lost);
   CHECK(tracker.state() == TrackingState::lost);
+  // And before that no longer called `tracking`, from when more spoke against it than for it.
+  const auto doubtful = [](const PoseEstimate& pose) {
+    return pose.t > 100000 && pose.quality.state == TrackingState::converging;
+  };
+  REQUIRE(std::ranges::any_of(poses, doubtful));
+  for (const PoseEstimate& pose : poses)
+    if (pose.t > 50000) CHECK((pose.quality.state == TrackingState::tracking) == (pose.quality.health >= 0.5));
 }
 
 TEST_CASE("a marker that leaves the image is lost") {

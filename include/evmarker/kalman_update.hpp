@@ -264,10 +264,7 @@ class KalmanUpdate {
   }
 
   // Of an edge in the image: how far its events are spread, and half of a pixel even if it is sharp.
-  double half_width_px() const noexcept {
-    constexpr double kPixel2 = 0.25;
-    return std::sqrt(std::max(spread2_px_, kPixel2));
-  }
+  double half_width_px() const noexcept { return std::sqrt(std::max(spread2_px_, 0.25)); }
 
   void average(int count) noexcept {
     spread2_px_ += spread_share_ * (sums_.residual2 / count - spread2_px_);

@@ -61,10 +61,8 @@ class MarkerTracker {
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_.focal_length(), settings.health),
         centre_(centre(follower_.matcher().model())) {
-    const auto require = [](bool good, const char* name, auto value) {
-      if (!good) throw std::invalid_argument(name + (" is " + std::to_string(value)));
-    };
-    require(settings.converging_events >= 0, "converging_events", settings.converging_events);
+    if (settings.converging_events < 0)
+      throw std::invalid_argument("converging_events is " + std::to_string(settings.converging_events));
     pose_.id = id;
     if (settings.start_search) {
       const Eigen::AlignedBox2d image(lines_.focal_length() * lines_.low(), lines_.focal_length() * lines_.high());
@@ -113,7 +111,7 @@ class MarkerTracker {
   template <EventLike E>
   [[gnu::always_inline]] const PoseEstimate* push_in_time(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
-    if (pose_.quality.state == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
+    if (state_ == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Eigen::Vector2d m = lines_(event);
     if (starting_) [[unlikely]]
       return start(Event(event), m);                                  // a copy: `event` itself stays in registers
@@ -131,7 +129,7 @@ class MarkerTracker {
   requires EventLike<std::ranges::range_value_t<Events>>
   void push_in_time(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     std::span<const std::ranges::range_value_t<Events>> events(all);
-    while (!events.empty() && pose_.quality.state != TrackingState::lost) {
+    while (!events.empty() && state_ != TrackingState::lost) {
       if (starting_ || !follower_.in_groups()) {
         if (const PoseEstimate* const pose = push_one_in_time(events.front())) use(*pose);
         events = events.subspan(1);
@@ -145,10 +143,10 @@ class MarkerTracker {
       });
       const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
         if (const PoseEstimate* const pose = note(to_event(events[i]), result)) use(*pose);
-        return state() != TrackingState::lost;
+        return state_ != TrackingState::lost;
       };
       std::size_t taken = 0;
-      while (taken < group.count() && follower_.in_groups() && state() != TrackingState::lost)
+      while (taken < group.count() && follower_.in_groups() && state_ != TrackingState::lost)
         taken = follower_.push(group, taken, after);
       events = events.subspan(taken);
     }
@@ -158,7 +156,7 @@ class MarkerTracker {
   /// as long as it knows the edges to within the matching distance, any other one for a millisecond.
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
-    if (pose_.quality.state == TrackingState::lost || missing <= kBriefly) return nullptr;
+    if (state_ == TrackingState::lost || missing <= kBriefly) return nullptr;
     if (searching()) {
       start_search_->forget();
       return nullptr;
@@ -192,7 +190,7 @@ class MarkerTracker {
 
   /// Declares the marker lost, for a reason that only the caller knows; the last pose.
   [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
-    pose_.quality.state = TrackingState::lost;
+    state_ = TrackingState::lost;
     pose_.quality.loss_reason = reason;
     return tell();
   }
@@ -211,11 +209,11 @@ class MarkerTracker {
   }
 
   /// True while it tracks and no evidence speaks against that.
-  bool reliable() const noexcept { return state() == TrackingState::tracking && health_.sure(); }
+  bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
 
   /// True if no sequence of so many events can change the pose, the state or `reliable()`.
   bool stays(std::size_t events) const noexcept {
-    if (events == 0 || state() == TrackingState::lost) return true;
+    if (events == 0 || state_ == TrackingState::lost) return true;
     return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
            health_.stays(events);
   }
@@ -227,7 +225,10 @@ class MarkerTracker {
 
   MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
-  TrackingState state() const noexcept { return pose_.quality.state; }
+  /// As poses say it: one that evidence speaks against is no longer `tracking`, though it may be again.
+  TrackingState state() const noexcept {
+    return state_ == TrackingState::tracking && health_.doubtful() ? TrackingState::converging : state_;
+  }
   const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
@@ -267,7 +268,7 @@ class MarkerTracker {
   void count_update() noexcept {
     matched_ += follower_.last_update().matched;
     pose_.quality.updated_t = t_;
-    if (pose_.quality.state == TrackingState::converging) converge();
+    if (state_ == TrackingState::converging) converge();
   }
 
   // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
@@ -281,7 +282,7 @@ class MarkerTracker {
     }
     if (elapsed_us(converging_since_, t_) > kLongestConverging_us) failed_ = LossReason::not_confirmed;
     if (ambiguous_ || !verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
-    pose_.quality.state = TrackingState::tracking;
+    state_ = TrackingState::tracking;
     follower_.let_rest();
   }
 
@@ -298,7 +299,7 @@ class MarkerTracker {
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
-    if (state() == TrackingState::tracking && health_.events_per_px2() > 0)
+    if (state_ == TrackingState::tracking && health_.events_per_px2() > 0)
       follower_.expect_events_per_px2(health_.events_per_px2());
   }
 
@@ -313,6 +314,7 @@ class MarkerTracker {
     }
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
     if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
+    pose.quality.state = state();
     pose.quality.matched = follower_.last_update().matched;
     pose.quality.offered = follower_.last_update().offered;
     pose.quality.residual_px = follower_.last_update().residual_px;
@@ -332,7 +334,7 @@ class MarkerTracker {
     }
     start_search_->keep(event);
     const PoseEstimate* pose = nullptr;
-    for (int i = 0; i < kReplayed && starting_ && state() != TrackingState::lost; ++i) {
+    for (int i = 0; i < kReplayed && starting_ && state_ != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
       if (const auto* next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
       starting_ = start_search_->replaying();
@@ -350,7 +352,7 @@ class MarkerTracker {
     const bool passed = verification_.passes(error);
     verified_ |= passed && settled_;
     if (settled_) health_.judge_verification(passed);
-    if (passed || state() != TrackingState::tracking) return void(suspected_ = false);
+    if (passed || state_ != TrackingState::tracking) return void(suspected_ = false);
     if (std::exchange(suspected_, true)) failed_ = LossReason::verification;
     verification_.start_window(follower_);
   }
@@ -373,7 +375,6 @@ class MarkerTracker {
 
   static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // whose times are judged while they are at hand
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
-  static constexpr Timestamp kNever = std::numeric_limits<Timestamp>::max();
 
   Settings settings_;
   UndistortionTable lines_;
@@ -383,7 +384,8 @@ class MarkerTracker {
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
   Eigen::Vector3d centre_;                       // of the model's bounding box, marker frame [m]
-  PoseEstimate pose_;      // the last one that was told, but `quality.state` and what verification found are as of now
+  PoseEstimate pose_;                            // the last one that was told, but what verification found is as of now
+  TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
@@ -392,7 +394,7 @@ class MarkerTracker {
   bool verified_ = false;                 // a way back has led to where it should
   bool suspected_ = false;                // the last way back did not
   LossReason failed_ = LossReason::none;  // beyond any odds
-  Timestamp converging_since_ = kNever;
+  Timestamp converging_since_ = std::numeric_limits<Timestamp>::max();
 };
 
 }  // namespace evmarker

@@ -20,7 +20,7 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 enum class TrackingState {
-  converging,  ///< the first updates after a detection: the pose may still be far off
+  converging,  ///< the first updates after a detection, or more speaks against the pose than for it: it may be far off
   tracking,    ///< verified: use the pose
   lost         ///< verification failed or the marker left: the last pose of this tracker
 };

@@ -97,6 +97,8 @@ class TrackHealth {
   bool lost() const noexcept { return lost_; }
   /// True while nothing speaks against it, and the events speak for it.
   bool sure() const noexcept { return least() >= 0 && odds(LossReason::inconsistent) > bound_ / 2; }
+  /// True while more speaks against it than for it.
+  bool doubtful() const noexcept { return probability_ < 0.5; }
   /// That the marker is followed.
   double probability() const noexcept { return probability_; }
   /// What speaks most against it.
