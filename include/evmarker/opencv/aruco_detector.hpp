@@ -172,8 +172,12 @@ class ArucoDetector {
 
     MarkerDetection detection = describe(id, fits[0].T_camera_marker);
     const auto other = std::ranges::find_if(fits, differs);
+    // Where only one of both could be fitted at all, and that badly, the frame does not say that it is the right one.
+    constexpr double kGood_px = 0.75;
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
+    else if (other == fits.end() && fits[0].cost_px > kGood_px)
+      detection.T_camera_marker_alternative = mirrored(fits[0].T_camera_marker);
     return Candidate{detection, fits[0].cost_px};
   }
 
