@@ -231,10 +231,9 @@ TEST_CASE("sticks that touch a body hardly pull its pose and its edge offset awa
     for (const Event& event : box.events)
       if (const PoseEstimate* const pose = tracker.push(event)) {
         if (pose->quality.state != TrackingState::tracking) continue;
-        const Eigen::Isometry3d error =
-            box.motion(1e-6 * static_cast<double>(pose->t)).inverse() * pose->T_camera_marker;
+        const auto error = pose_error(pose->T_camera_marker, box.motion(1e-6 * static_cast<double>(pose->t)));
         ++box_poses;
-        box_right += error.translation().norm() < 0.01 && Eigen::AngleAxisd(error.linear()).angle() < 0.14;
+        box_right += error.translation_mm < 10 && error.rotation_deg < 8;
         offset_px = *pose->edge_offset_px;
       }
     MESSAGE("seed " << seed << ": " << box_poses << " poses, right " << 100 * box_right / box_poses

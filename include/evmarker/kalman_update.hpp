@@ -257,13 +257,13 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // Whatever else makes events beside the edges: a logarithm is steepest where it is dark, but no farther there than
-    // the edge's own width, and no event comes before its edge.
+    // An edge makes events on its dark side, within its own width, and behind itself. Those that would have it
+    // otherwise are not its own.
     bias_px_[kOffset] = std::clamp(bias_px_[kOffset] + error.b[kOffset], 0.0, half_width_px());
     bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);
   }
 
-  // Of an edge in the image: how far its events are spread, and half of a pixel even if it is sharp.
+  // Of an edge in the image, by how far its events are spread; half of a pixel at least, however sharp it is.
   double half_width_px() const noexcept { return std::sqrt(std::max(spread2_px_, 0.25)); }
 
   void average(int count) noexcept {

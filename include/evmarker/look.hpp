@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "evmarker/detection.hpp"
@@ -52,8 +53,8 @@ inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d
                             (detection.corners_px[1] - detection.corners_px[3]).norm());
 }
 
-/// Whether a detection that leaves no doubt about the tilt has another one. In the image poses that differ by that can
-/// be a pixel apart, so that the code is to be seen at both.
+/// Whether a detection without an alternative has another tilt than a pose. Two such poses may be a pixel apart in the
+/// image, so that the code is to be seen at both.
 inline bool tilted_otherwise(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
   constexpr double kDiffers_rad = 0.25;
   return !detection.T_camera_marker_alternative &&
@@ -80,22 +81,19 @@ Findings answer(Detector& detector, const PolarityFrame& frame, const Look& look
       if (!found_by_id(id))
         if (const auto detection = detector.search(id, T_camera_marker)) add(*detection);
 
-  for (const PlacedMarker& marker : look.unconfirmed) {
-    const auto& [id, T_camera_marker] = marker;
-    const auto detected_end = findings.found.begin() + static_cast<std::ptrdiff_t>(findings.detected);
-    const auto found =
-        std::find_if(findings.found.begin(), detected_end, [id](const auto& f) { return f.detection.id == id; });
-    const bool detected = found != detected_end;
+  const auto sighting = [&](const PlacedMarker& marker) {
+    const auto detected = std::span(findings.found).first(findings.detected);
+    const auto found = std::ranges::find(detected, marker.id, [](const auto& f) { return f.detection.id; });
+    if (found != detected.end() && tilted_otherwise(found->detection, marker.T_camera_marker))
+      return Sighting::elsewhere;
     bool there = false;
-    if constexpr (requires { detector.shows(id, T_camera_marker); })
-      there = detector.shows(id, T_camera_marker);
+    if constexpr (requires { detector.shows(marker.id, marker.T_camera_marker); })
+      there = detector.shows(marker.id, marker.T_camera_marker);
     else
-      there = detected && same_place(found->detection, T_camera_marker, look.focal_length);
-    if (detected && tilted_otherwise(found->detection, T_camera_marker))
-      findings.sightings.push_back(Sighting::elsewhere);
-    else
-      findings.sightings.push_back(there ? Sighting::there : Sighting::none);
-  }
+      there = found != detected.end() && same_place(found->detection, marker.T_camera_marker, look.focal_length);
+    return there ? Sighting::there : Sighting::none;
+  };
+  for (const PlacedMarker& marker : look.unconfirmed) findings.sightings.push_back(sighting(marker));
   return findings;
 }
 

@@ -173,8 +173,8 @@ class TrackerCore {
                                  [&](const auto& found) { return found.detection.id == marker.id(); });
     });
     candidates_.answer(findings);
-    candidates_.remove_hopeless();
     announce_confirmed();
+    candidates_.remove_hopeless();
     for (const Findings::Found& found : findings.found) {
       if (findings.position <= followable_since_ || tracked(found.detection)) continue;
       if (markers_.size() + candidates_.size() == settings_.max_markers) break;

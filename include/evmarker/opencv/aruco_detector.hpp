@@ -112,6 +112,8 @@ class ArucoDetector {
   const ArucoDetectorSettings& settings() const noexcept { return settings_; }
 
  private:
+  static constexpr double kGood_px = 0.75;  // cost of a fit with nearly all edges where they should be
+
   struct Candidate {
     MarkerDetection detection;
     double cost_px;
@@ -120,7 +122,6 @@ class ArucoDetector {
   // Of the clearest readings of a marker, the one that fits best.
   std::optional<Candidate> best_of(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
     constexpr int kTried = 3;
-    constexpr double kGood_px = 0.75;  // nearly all edges are where they should be: no other reading is needed
     std::ranges::stable_sort(readings, std::greater<>(), &CodeBook::Reading::clarity);
     std::optional<Candidate> best;
     int tried = 0;
@@ -132,7 +133,7 @@ class ArucoDetector {
       ++tried;
       const auto candidate = locate(id, reading->corners);
       if (candidate && (!best || candidate->cost_px < best->cost_px)) best = candidate;
-      if (best && best->cost_px < kGood_px) break;
+      if (best && best->cost_px < kGood_px) break;  // no other reading is needed
     }
     return best;
   }
@@ -173,7 +174,6 @@ class ArucoDetector {
     MarkerDetection detection = describe(id, fits[0].T_camera_marker);
     const auto other = std::ranges::find_if(fits, differs);
     // Where only one of both could be fitted at all, and that badly, the frame does not say that it is the right one.
-    constexpr double kGood_px = 0.75;
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
     else if (other == fits.end() && fits[0].cost_px > kGood_px)
