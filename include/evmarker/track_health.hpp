@@ -52,14 +52,18 @@ class TrackHealth {
   }
 
   /// Judges the events since the last call by how many of them lie on an edge. Near an edge that is not there they lie
-  /// anywhere. More than the usual background, by time, must come for that to mean anything: at rest there is no other.
+  /// anywhere. The usual background, by time, says nothing, neither beside the edges nor with what of it lies on them:
+  /// at rest there is no other.
   [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double usual = near_per_us_ * dt_us, near = std::max(0.0, near_ - 2 * usual - 2 * std::sqrt(usual));
+    constexpr double kMatchedToNear = kAnywhere / (1 - kAnywhere);  // by chance
+    const double by_chance = kMatchedToNear * (near_ - near), deviation = std::sqrt((1 + kMatchedToNear) * by_chance);
+    const double matched = std::max(0.0, matched_ - by_chance - 3 * deviation);
     const double expected = (usual_share_ + kAnywhere) / 2;  // half of what is usual would do
     // The events of one pixel in one passage come together and are one piece of evidence.
     const double independent = 1 / std::clamp(activity_.events_per_px2(), 1.0, 10.0);
-    judge(independent * (matched_ * std::log(kAnywhere / expected) + near * std::log((1 - kAnywhere) / (1 - expected))),
+    judge(independent * (matched * std::log(kAnywhere / expected) + near * std::log((1 - kAnywhere) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
     const double fresh = sure() ? (matched_ + near_) / kMemory : 0, passed = dt_us / (dt_us + kMemory_us);
