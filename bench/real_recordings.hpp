@@ -10,6 +10,7 @@
 #include <concepts>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <map>
 #include <numbers>
@@ -36,11 +37,32 @@
 
 namespace evmarker::bench {
 
-/// What a trial changes of the settings that the library comes with.
+/// What a trial changes of the settings that the library comes with, and how it is watched.
 struct Trial {
   std::optional<int> events_per_update;
   std::optional<std::chrono::microseconds> filter_window;
+  bool one_by_one = false;  ///< events are pushed alone, not in ranges
+  std::function<void(const PoseEstimate&)> watch = [](const PoseEstimate&) {};  ///< sees every pose
 };
+
+/// Pushes events as a trial wants it: `use(pose)` is called with each pose.
+template <typename AnyTracker, typename Use>
+void push(AnyTracker& tracker, std::span<const Event> events, const Trial& trial, const Use& use) {
+  const auto watched = [&](const PoseEstimate& pose) {
+    trial.watch(pose);
+    use(pose);
+  };
+  if (!trial.one_by_one) return tracker.push(events, watched);
+  for (const Event& event : events) {
+    if constexpr (requires {
+                    { tracker.push(event) } -> std::same_as<const PoseEstimate*>;
+                  }) {
+      if (const PoseEstimate* const pose = tracker.push(event)) watched(*pose);
+    } else {
+      for (const PoseEstimate& pose : tracker.push(event)) watched(pose);
+    }
+  }
+}
 
 template <typename Settings>
 Settings settings(const Trial& trial) {
@@ -118,13 +140,13 @@ struct Distance {
 /// @param distance of a pose from the reference of the moment with a number
 template <typename TrackerOfOne, typename DistanceOf>
 BodyVerdict follow(TrackerOfOne& tracker, std::span<const Event> events, std::span<const Timestamp> moments,
-                   const Distance& limits, const DistanceOf& distance) {
+                   const Distance& limits, const Trial& trial, const DistanceOf& distance) {
   BodyVerdict verdict;
   const auto at = [&](Timestamp t) { return std::ranges::lower_bound(events, t, {}, &Event::t); };
   auto next = at(moments.front());
   for (std::size_t i = 0; i < moments.size(); ++i) {
     const auto end = at(moments[i]);
-    tracker.push(std::span(next, end), [&](const PoseEstimate& pose) {
+    push(tracker, std::span(next, end), trial, [&](const PoseEstimate& pose) {
       if (pose.quality.state == TrackingState::lost) ++verdict.losses[pose.quality.loss_reason];
     });
     next = end;
@@ -156,7 +178,7 @@ BodyVerdict judge_pyramid(const std::filesystem::path& data, const Trial& trial 
   Wireframe pyramid = opencv::load_wireframe((folder / "wireframe.yml").string());
   pyramid.start = references.at(0);
   WireframeTracker<Rule> tracker(camera, pyramid, settings<WireframeTrackerSettings<Rule>>(trial));
-  return follow(tracker, events, moments, {10, 8}, [&](const PoseEstimate& pose, std::size_t i) {
+  return follow(tracker, events, moments, {10, 8}, trial, [&](const PoseEstimate& pose, std::size_t i) {
     const PoseError error = pose_error(pose.T_camera_marker, references[i]);
     return Distance{error.translation_mm, error.rotation_deg};
   });
@@ -183,7 +205,7 @@ BodyVerdict judge_flip(const std::filesystem::path& data, const Trial& trial = {
       {(start.at(1) - kCentre) / kFocal * depth, (start.at(2) - kCentre) / kFocal * depth, depth}, {0, 0, start.at(4)});
   WireframeTracker<Rule> tracker(camera, Wireframe{0, make_square_marker(kSide), T_start},
                                  settings<WireframeTrackerSettings<Rule>>(trial));
-  return follow(tracker, events, moments, {3, 10}, [&](const PoseEstimate& pose, std::size_t i) {
+  return follow(tracker, events, moments, {3, 10}, trial, [&](const PoseEstimate& pose, std::size_t i) {
     const Eigen::Vector2d centre = camera.project(pose.T_camera_marker.translation());
     const auto& R = pose.T_camera_marker.linear();
     const double turned = std::remainder(std::atan2(R(1, 0), R(0, 0)) - fits[i].at(4), 2 * std::numbers::pi);
@@ -306,7 +328,7 @@ TagsVerdict judge_tags(const std::filesystem::path& data, bool as_board, const T
       ++corners;
     }
   };
-  tracker.push(events, [&](const PoseEstimate& pose) {
+  push(tracker, events, trial, [&](const PoseEstimate& pose) {
     if (pose.quality.state == TrackingState::lost) ++verdict.losses[pose.quality.loss_reason];
     if (pose.quality.state != TrackingState::tracking) return;
     if (std::ranges::find(verdict.tracked, pose.id) == verdict.tracked.end()) {
