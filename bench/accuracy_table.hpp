@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/accuracy.hpp"
-#include "evmarker/event.hpp"
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/events/event.hpp"
 #include "scenarios.hpp"
 #include "verdict.hpp"
 

@@ -2,8 +2,8 @@
 
 #include <vector>
 
+#include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/polarity_frame.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

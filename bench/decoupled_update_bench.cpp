@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/undistortion_table.hpp"
+#include "evmarker/model/undistortion_table.hpp"
+#include "evmarker/update/decoupled_update.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

@@ -9,8 +9,8 @@
 #include <opencv2/core/utility.hpp>
 #include <string>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/kalman_update.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "real_recordings.hpp"
 
 using namespace evmarker;

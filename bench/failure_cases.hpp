@@ -10,16 +10,16 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/accuracy.hpp"
-#include "evmarker/camera.hpp"
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/event_stream.hpp"
-#include "evmarker/marker_model.hpp"
-#include "evmarker/marker_tracker.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/so3.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
-#include "evmarker/trajectory.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/events/event_stream.hpp"
+#include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/simulation/trajectory.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
 
 namespace evmarker::bench {
 

@@ -10,11 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/camera.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/events/polarity_frame.hpp"
+#include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
-#include "evmarker/polarity_frame.hpp"
-#include "evmarker/so3.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
 #include "grey_camera.hpp"
 #include "scenarios.hpp"
 #include "verdict.hpp"

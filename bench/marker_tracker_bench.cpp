@@ -2,9 +2,9 @@
 
 #include <limits>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/kalman_update.hpp"
-#include "evmarker/marker_tracker.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

@@ -14,11 +14,11 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/event_stream.hpp"
+#include "evmarker/events/event_stream.hpp"
 #include "evmarker/live/pipeline.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/trajectory.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/simulation/trajectory.hpp"
 
 using namespace evmarker;
 using live::OverloadPolicy;

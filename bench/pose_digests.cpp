@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/wide_vectors.hpp"
+#include "evmarker/simd/wide_vectors.hpp"
 #include "real_recordings.hpp"
 #include "tracker_methods.hpp"
 

@@ -22,18 +22,18 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/accuracy.hpp"
-#include "evmarker/board_detector.hpp"
-#include "evmarker/camera.hpp"
+#include "evmarker/detection/board_detector.hpp"
+#include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/trajectory.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
 #include "evmarker/opencv/wireframe.hpp"
-#include "evmarker/tracker.hpp"
-#include "evmarker/trajectory.hpp"
-#include "evmarker/wireframe_tracker.hpp"
+#include "evmarker/simulation/trajectory.hpp"
+#include "evmarker/tracking/tracker.hpp"
+#include "evmarker/tracking/wireframe_tracker.hpp"
 
 namespace evmarker::bench {
 

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/decoupled_update.hpp"
 #include "evmarker/io/output_file.hpp"
-#include "evmarker/kalman_update.hpp"
-#include "evmarker/marker_tracker.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

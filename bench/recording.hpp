@@ -10,14 +10,14 @@
 #include <span>
 #include <vector>
 
-#include "evmarker/accuracy.hpp"
-#include "evmarker/camera.hpp"
-#include "evmarker/event_stream.hpp"
-#include "evmarker/marker_model.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/so3.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
-#include "evmarker/trajectory.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/events/event_stream.hpp"
+#include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/simulation/trajectory.hpp"
 
 namespace evmarker::bench {
 

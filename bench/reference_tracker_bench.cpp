@@ -1,9 +1,11 @@
 #include <benchmark/benchmark.h>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/marker_tracker.hpp"
+#include <algorithm>
+
+#include "../examples/paper_tracker.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
 #include "recording.hpp"
-#include "reference_tracker.hpp"
 
 using namespace evmarker;
 
@@ -11,9 +13,16 @@ using namespace evmarker;
 static void reference(benchmark::State& state) {
   const auto& recording = bench::recording();
   const int n = static_cast<int>(state.range(0));
-  const bench::ReferenceTracker start(bench::camera(), recording.model(), recording.detected_start(), n);
+  const DecoupledSettings tuned;
+  const paper::Gains gains{.w0 = std::min(0.1, 1.0 / n),
+                           .lambda_T = tuned.translation_gain,
+                           .lambda_r = tuned.rotation_gain,
+                           .unit_m = 0,
+                           .n = n,
+                           .k = 0};
+  const paper::Tracker start(bench::camera(), recording.model(), recording.detected_start(), gains);
   AccuracyMeter accuracy;
-  bench::ReferenceTracker measured = start;
+  paper::Tracker measured = start;
   for (const Event& event : recording.filtered)
     if (const auto T = measured.push(event)) {
       PoseEstimate pose;
@@ -27,7 +36,7 @@ static void reference(benchmark::State& state) {
 
   for (auto _ : state) {
     state.PauseTiming();
-    bench::ReferenceTracker tracker = start;
+    paper::Tracker tracker = start;
     state.ResumeTiming();
     for (const Event& event : recording.filtered) {
       auto pose = tracker.push(event);

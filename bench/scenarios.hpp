@@ -9,13 +9,13 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/camera.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
-#include "evmarker/scene.hpp"
 #include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/scene.hpp"
 #include "evmarker/simulation/sensor_preset.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/trajectory.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/simulation/trajectory.hpp"
 
 namespace evmarker::bench {
 

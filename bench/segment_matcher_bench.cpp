@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "evmarker/lattice_matcher.hpp"
-#include "evmarker/segment_matcher.hpp"
-#include "evmarker/undistortion_table.hpp"
+#include "evmarker/matching/lattice_matcher.hpp"
+#include "evmarker/matching/segment_matcher.hpp"
+#include "evmarker/model/undistortion_table.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

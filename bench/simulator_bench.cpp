@@ -1,6 +1,6 @@
 #include <benchmark/benchmark.h>
 
-#include "evmarker/simulator.hpp"
+#include "evmarker/simulation/simulator.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

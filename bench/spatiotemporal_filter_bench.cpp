@@ -1,6 +1,6 @@
 #include <benchmark/benchmark.h>
 
-#include "evmarker/spatiotemporal_filter.hpp"
+#include "evmarker/events/spatiotemporal_filter.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

@@ -5,8 +5,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "evmarker/kalman_update.hpp"
-#include "evmarker/marker_tracker.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

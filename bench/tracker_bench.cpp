@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "evmarker/tracker.hpp"
+#include "evmarker/tracking/tracker.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

@@ -5,12 +5,12 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/event_stream.hpp"
-#include "evmarker/kalman_update.hpp"
+#include "evmarker/events/event_stream.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/tracker.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/tracking/tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "scenarios.hpp"
 #include "verdict.hpp"
 

@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/accuracy.hpp"
-#include "evmarker/pose.hpp"
-#include "evmarker/so3.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/model/pose.hpp"
 #include "scenarios.hpp"
 
 namespace evmarker::bench {

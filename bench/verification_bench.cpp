@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "evmarker/decoupled_update.hpp"
-#include "evmarker/verification.hpp"
+#include "evmarker/tracking/verification.hpp"
+#include "evmarker/update/decoupled_update.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;

@@ -1,7 +1,7 @@
 // Compares a table of poses with the truth: errors, coverage, losses; every pose's error as CSV for plots.
 #include <algorithm>
 #include <cstdio>
-#include <evmarker/accuracy.hpp>
+#include <evmarker/evaluation/accuracy.hpp>
 #include <evmarker/io/output_file.hpp>
 #include <evmarker/io/pose_reader.hpp>
 #include <map>

@@ -2,7 +2,7 @@
 // A lens as it is written on a command line.
 #include <CLI/CLI.hpp>
 #include <cmath>
-#include <evmarker/camera.hpp>
+#include <evmarker/model/camera.hpp>
 #include <stdexcept>
 #include <string>
 #include <vector>

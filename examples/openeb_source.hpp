@@ -6,7 +6,7 @@
 #else
 #include <metavision/sdk/driver/camera.h>
 #endif
-#include <evmarker/event.hpp>
+#include <evmarker/events/event.hpp>
 #include <mutex>
 #include <stdexcept>
 #include <string>

@@ -1,5 +1,6 @@
 #include <evmarker/evmarker.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
+#include <evmarker/simulation/simulator.hpp>
 #include <iostream>
 
 int main() {

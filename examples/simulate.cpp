@@ -1,13 +1,14 @@
 // Simulates an event camera in front of markers: a RAW recording, its calibration and its truth.
 #include <algorithm>
 #include <cstdio>
-#include <evmarker/evmarker.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/io/raw_writer.hpp>
 #include <evmarker/opencv/aruco_shim.hpp>
 #include <evmarker/opencv/board.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <evmarker/simulation/sensor_preset.hpp>
+#include <evmarker/simulation/simulator.hpp>
+#include <evmarker/simulation/trajectory.hpp>
 #include <filesystem>
 #include <numbers>
 #include <optional>

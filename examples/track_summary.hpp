@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cinttypes>
 #include <cstdio>
+#include <evmarker/evaluation/accuracy.hpp>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/recording_statistics.hpp>
 #include <limits>

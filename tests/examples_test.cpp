@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
@@ -29,7 +30,7 @@
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "evmarker/opencv/calibration.hpp"
-#include "io_test_support.hpp"
+#include "io/test_support.hpp"
 
 #ifdef EVMARKER_HAS_SCREEN
 #include <opencv2/videoio.hpp>
@@ -39,11 +40,9 @@ using namespace evmarker::io::test;
 
 namespace {
 
-const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICKSTART},
-                                                   {"simulate", EVMARKER_SIMULATE},
-                                                   {"track_file", EVMARKER_TRACK_FILE},
-                                                   {"evaluate", EVMARKER_EVALUATE},
-                                                   {"replay", EVMARKER_REPLAY}};
+const std::map<std::string, std::string> kPrograms{
+    {"quickstart", EVMARKER_QUICKSTART}, {"paper", EVMARKER_PAPER},       {"simulate", EVMARKER_SIMULATE},
+    {"track_file", EVMARKER_TRACK_FILE}, {"evaluate", EVMARKER_EVALUATE}, {"replay", EVMARKER_REPLAY}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -531,6 +530,29 @@ TEST_CASE("examples: quickstart's pose agrees with the truth that it prints") {
   const Eigen::Vector3d pose = position_after(" is tracking at "), truth = position_after("truth: ");
   CHECK(truth.z() > 0.3);
   CHECK((pose - truth).norm() < 0.01);
+}
+
+TEST_CASE("examples: the paper's tracker, line by line, and the library's rule give the same poses") {
+  const TemporaryFolder folder;
+  const Result result = run(folder, "paper");
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  MESSAGE(result.out);
+  int poses = 0, verified = 0, ways_back = 0;
+  REQUIRE(std::sscanf(result.out.c_str(), "%d poses; %d of %d ways back", &poses, &verified, &ways_back) == 3);
+  CHECK(poses > 5000);
+  CHECK(ways_back > 50);
+  CHECK(verified == ways_back);
+  const auto errors_of = [&](const std::string& what) {
+    double mm = 0, deg = 0;
+    const auto at = result.out.find("\n" + what);
+    REQUIRE(at != std::string::npos);
+    REQUIRE(std::sscanf(result.out.c_str() + at + 1 + what.size(), "%lf mm %lf deg", &mm, &deg) == 2);
+    return std::pair(mm, deg);
+  };
+  CHECK(errors_of("paper").first < 6);  // 4.6 mm, 10.5 deg: with the paper's own numbers
+  CHECK(errors_of("paper").second < 13);
+  CHECK(errors_of("difference").first < 0.01);  // rounded, nothing
+  CHECK(errors_of("difference").second < 0.01);
 }
 
 TEST_CASE("examples: the README's first code is quickstart.cpp") {

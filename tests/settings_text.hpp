@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "io_test_support.hpp"
+#include "io/test_support.hpp"
 
 namespace evmarker::opencv::test {
 

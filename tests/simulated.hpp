@@ -4,11 +4,11 @@
 #include <functional>
 #include <vector>
 
-#include "evmarker/detection.hpp"
-#include "evmarker/event_stream.hpp"
-#include "evmarker/simulator.hpp"
-#include "evmarker/spatiotemporal_filter.hpp"
-#include "evmarker/trajectory.hpp"
+#include "evmarker/detection/detection.hpp"
+#include "evmarker/events/event_stream.hpp"
+#include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/simulation/trajectory.hpp"
 
 namespace evmarker::simulated {
 

@@ -2,12 +2,12 @@
 #include <cstdio>
 #include <vector>
 
-#include "evmarker/camera.hpp"
+#include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/io/event_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "evmarker/live/pipeline.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/polarity_frame.hpp"
 
 int main() {
   const std::vector<evmarker::Event> events{{1, 2, 1, 100}, {3, 4, 0, 200}};

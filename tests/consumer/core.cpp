@@ -1,7 +1,7 @@
 // What a program that needs only the core includes.
 #include <cstdio>
 
-#include "evmarker/camera.hpp"
+#include "evmarker/model/camera.hpp"
 
 int main() {
   const evmarker::PinholeCamera camera{{640, 480}, 533, 533, 319.5, 239.5};

@@ -1,5 +1,5 @@
 #pragma once
-// io. A file in blocks: the next one is read while the present one is decoded.
+// A file in blocks: the next one is read while the present one is decoded.
 #include <algorithm>
 #include <array>
 #include <cerrno>

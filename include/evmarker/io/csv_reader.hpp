@@ -1,5 +1,5 @@
 #pragma once
-// io. Text recordings, one event a line, as a source of events.
+// Text recordings, one event a line, as a source of events.
 #include <algorithm>
 #include <charconv>
 #include <cstddef>
@@ -14,13 +14,13 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/decimal.hpp"
 #include "evmarker/io/line_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 #include "evmarker/io/text_layout.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

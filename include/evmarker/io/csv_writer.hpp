@@ -1,5 +1,5 @@
 #pragma once
-// io. Writes events as Metavision CSV.
+// Writes events as Metavision CSV.
 #include <charconv>
 #include <cstddef>
 #include <cstdint>
@@ -9,7 +9,7 @@
 #include <string>
 #include <utility>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 #include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/output_file.hpp"
 

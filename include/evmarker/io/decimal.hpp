@@ -1,5 +1,5 @@
 #pragma once
-// io. Decimal numbers to integers of a smaller unit, exactly: seconds in a text file to microseconds.
+// Decimal numbers to integers of a smaller unit, exactly: seconds in a text file to microseconds.
 #include <cstdint>
 #include <optional>
 #include <string_view>

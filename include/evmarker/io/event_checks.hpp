@@ -1,12 +1,12 @@
 #pragma once
-// io. What writers demand of events.
+// What writers demand of events.
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <stdexcept>
 #include <string>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 
 namespace evmarker::io {
 

@@ -1,5 +1,5 @@
 #pragma once
-// io. Any recording, by its content, as a source of events.
+// Any recording, by its content, as a source of events.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -12,13 +12,13 @@
 #include <utility>
 #include <variant>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

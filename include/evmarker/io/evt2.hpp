@@ -1,5 +1,5 @@
 #pragma once
-// io. Prophesee EVT2: one 32-bit word for each event.
+// Prophesee EVT2: one 32-bit word for each event.
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

@@ -1,16 +1,16 @@
 #pragma once
-// io. Prophesee EVT2.1, reading only: 64-bit words of up to 32 events in a row.
+// Prophesee EVT2.1, reading only: 64-bit words of up to 32 events in a row.
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

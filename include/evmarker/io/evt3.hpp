@@ -1,5 +1,5 @@
 #pragma once
-// io. Prophesee EVT3: 16-bit words that change a state; events that share row, time and polarity share words.
+// Prophesee EVT3: 16-bit words that change a state; events that share row, time and polarity share words.
 #include <algorithm>
 #include <bit>
 #include <cstddef>
@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

@@ -1,5 +1,5 @@
 #pragma once
-// io. What the EVT encodings share: little-endian words and time words that count in a circle.
+// What the EVT encodings share: little-endian words and time words that count in a circle.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/event.hpp"
-#include "evmarker/trigger_event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 
 namespace evmarker::io {
 

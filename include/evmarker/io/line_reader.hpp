@@ -1,5 +1,5 @@
 #pragma once
-// io. A text file line by line, in constant memory.
+// A text file line by line, in constant memory.
 #include <cstdint>
 #include <cstring>
 #include <filesystem>

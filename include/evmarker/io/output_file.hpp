@@ -1,5 +1,5 @@
 #pragma once
-// io. A file that appears under its name only when it is whole.
+// A file that appears under its name only when it is whole.
 #include <cerrno>
 #include <cstddef>
 #include <filesystem>

@@ -1,5 +1,5 @@
 #pragma once
-// io. How poses stand in text files: columns, numbers, times.
+// How poses stand in text files: columns, numbers, times.
 #include <Eigen/Geometry>
 #include <array>
 #include <charconv>
@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 
 namespace evmarker::io {
 

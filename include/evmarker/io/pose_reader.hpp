@@ -1,5 +1,5 @@
 #pragma once
-// io. Reads poses back: tables of all markers (CSV), trajectories of one (TUM), ground truth of either form.
+// Reads poses back: tables of all markers (CSV), trajectories of one (TUM), ground truth of either form.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -22,7 +22,7 @@
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/text_layout.hpp"
 #include "evmarker/io/trajectory.hpp"
-#include "evmarker/pose.hpp"
+#include "evmarker/model/pose.hpp"
 
 namespace evmarker::io {
 

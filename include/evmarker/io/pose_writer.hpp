@@ -1,5 +1,5 @@
 #pragma once
-// io. Writes poses: a table of all markers (CSV), or the trajectory of one (TUM).
+// Writes poses: a table of all markers (CSV), or the trajectory of one (TUM).
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 #include "evmarker/io/output_file.hpp"
 #include "evmarker/io/pose_format.hpp"
-#include "evmarker/pose.hpp"
+#include "evmarker/model/pose.hpp"
 
 namespace evmarker::io {
 

@@ -1,5 +1,5 @@
 #pragma once
-// io. The text header of Prophesee RAW recordings: encoding and sensor size.
+// The text header of Prophesee RAW recordings: encoding and sensor size.
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 #include "evmarker/io/recording_error.hpp"
 
 namespace evmarker::io {

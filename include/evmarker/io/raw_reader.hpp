@@ -1,5 +1,5 @@
 #pragma once
-// io. Prophesee RAW recordings (EVT2, EVT2.1, EVT3) as a source of events.
+// Prophesee RAW recordings (EVT2, EVT2.1, EVT3) as a source of events.
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -11,7 +11,8 @@
 #include <variant>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt21.hpp"
@@ -19,7 +20,6 @@
 #include "evmarker/io/raw_header.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

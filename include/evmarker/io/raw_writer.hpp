@@ -1,5 +1,5 @@
 #pragma once
-// io. Writes events as a Prophesee RAW recording.
+// Writes events as a Prophesee RAW recording.
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -11,13 +11,13 @@
 #include <variant>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/output_file.hpp"
 #include "evmarker/io/raw_header.hpp"
-#include "evmarker/trigger_event.hpp"
 
 namespace evmarker::io {
 

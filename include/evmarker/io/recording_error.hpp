@@ -1,5 +1,5 @@
 #pragma once
-// io. The one error of readers and writers: which file, where in it, what is wrong.
+// The one error of readers and writers: which file, where in it, what is wrong.
 #include <cstdint>
 #include <filesystem>
 #include <optional>

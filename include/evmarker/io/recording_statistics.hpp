@@ -1,5 +1,5 @@
 #pragma once
-// io. What a reader met in a recording besides the events it delivered.
+// What a reader met in a recording besides the events it delivered.
 #include <cstdint>
 
 namespace evmarker::io {

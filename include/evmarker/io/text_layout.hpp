@@ -1,5 +1,5 @@
 #pragma once
-// io. How a text recording is laid out: separator, columns, unit of time; recognised from its first lines.
+// How a text recording is laid out: separator, columns, unit of time; recognised from its first lines.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 #include "evmarker/io/raw_header.hpp"
 
 namespace evmarker::io {

@@ -1,5 +1,5 @@
 #pragma once
-// io. A pose at any time between sampled ones: what measured poses are compared with.
+// A pose at any time between sampled ones: what measured poses are compared with.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <optional>
@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 
 namespace evmarker::io {
 

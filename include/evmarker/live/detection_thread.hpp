@@ -1,5 +1,5 @@
 #pragma once
-// live. A detector on threads of its own.
+// A detector on threads of its own.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <chrono>
@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/detection.hpp"
+#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/look.hpp"
 #include "evmarker/live/event_intake.hpp"
 #include "evmarker/live/thread_priority.hpp"
-#include "evmarker/look.hpp"
 
 namespace evmarker::live {
 

@@ -1,5 +1,5 @@
 #pragma once
-// live. The bounded queue between a camera's thread and the tracking thread, and what happens where it is full.
+// The bounded queue between a camera's thread and the tracking thread, and what happens where it is full.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <algorithm>
@@ -18,8 +18,8 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/event.hpp"
-#include "evmarker/trigger_event.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 
 namespace evmarker::live {
 

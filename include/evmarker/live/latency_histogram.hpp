@@ -1,5 +1,5 @@
 #pragma once
-// live. How long things took, counted so that percentiles are known at any time.
+// How long things took, counted so that percentiles are known at any time.
 #include <algorithm>
 #include <array>
 #include <atomic>

@@ -1,5 +1,5 @@
 #pragma once
-// live. From a camera's events to poses, on threads.
+// From a camera's events to poses, on threads.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -23,7 +23,7 @@
 #include "evmarker/live/status.hpp"
 #include "evmarker/live/thread_priority.hpp"
 #include "evmarker/live/tick_clock.hpp"
-#include "evmarker/tracker_core.hpp"
+#include "evmarker/tracking/tracker_core.hpp"
 
 namespace evmarker::live {
 

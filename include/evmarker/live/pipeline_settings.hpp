@@ -1,14 +1,14 @@
 #pragma once
-// live. What a pipeline can be told.
+// What a pipeline can be told.
 #include <chrono>
 #include <cstddef>
 #include <functional>
 #include <span>
 
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/live/event_intake.hpp"
-#include "evmarker/pose.hpp"
-#include "evmarker/tracker_settings.hpp"
-#include "evmarker/trigger_event.hpp"
+#include "evmarker/model/pose.hpp"
+#include "evmarker/tracking/tracker_settings.hpp"
 
 namespace evmarker::live {
 

@@ -1,5 +1,5 @@
 #pragma once
-// live. What the tracking thread lets other threads know.
+// What the tracking thread lets other threads know.
 #include <cstdint>
 #include <exception>
 #include <mutex>
@@ -9,7 +9,7 @@
 
 #include "evmarker/live/event_intake.hpp"
 #include "evmarker/live/status.hpp"
-#include "evmarker/tracker_core.hpp"
+#include "evmarker/tracking/tracker_core.hpp"
 
 namespace evmarker::live {
 

@@ -1,11 +1,11 @@
 #pragma once
-// live. How a pipeline is doing.
+// How a pipeline is doing.
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "evmarker/live/latency_histogram.hpp"
-#include "evmarker/pose.hpp"
+#include "evmarker/model/pose.hpp"
 
 namespace evmarker::live {
 

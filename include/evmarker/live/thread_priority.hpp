@@ -1,5 +1,5 @@
 #pragma once
-// live. What may wait gives way to what must not.
+// What may wait gives way to what must not.
 #ifdef __linux__
 #include <sched.h>
 #include <sys/resource.h>

@@ -1,5 +1,5 @@
 #pragma once
-// live. When poses are due at a fixed rate of camera time.
+// When poses are due at a fixed rate of camera time.
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
@@ -10,7 +10,7 @@
 #include <string>
 #include <utility>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 #include "evmarker/live/event_intake.hpp"
 
 namespace evmarker::live {

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Finds ArUco and AprilTag markers in a frame of last polarities.
+// Finds ArUco and AprilTag markers in a frame of last polarities.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -17,16 +17,16 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/camera.hpp"
-#include "evmarker/detection.hpp"
-#include "evmarker/marker_model.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/detection/detection.hpp"
+#include "evmarker/events/polarity_frame.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/code_book.hpp"
 #include "evmarker/opencv/dark_quads.hpp"
 #include "evmarker/opencv/frame_fit.hpp"
 #include "evmarker/opencv/guessed_image.hpp"
-#include "evmarker/polarity_frame.hpp"
-#include "evmarker/so3.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else knows the version.
+// ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else knows the version.
 #include <algorithm>
 #include <array>
 #include <opencv2/core.hpp>
@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/marker_model.hpp"
+#include "evmarker/model/marker_model.hpp"
 
 #if CV_VERSION_MAJOR > 4 || (CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR >= 7)
 #include <opencv2/objdetect/aruco_detector.hpp>

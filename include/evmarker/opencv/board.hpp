@@ -1,15 +1,15 @@
 #pragma once
-// opencv. Boards from files: which markers are where on them.
+// Boards from files: which markers are where on them.
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 
-#include "evmarker/board.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/model/board.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/settings_file.hpp"
-#include "evmarker/so3.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Camera calibrations as OpenCV and ROS write them, in YAML, XML or JSON.
+// Camera calibrations as OpenCV and ROS write them, in YAML, XML or JSON.
 #include <cerrno>
 #include <fstream>
 #include <opencv2/core.hpp>
@@ -8,7 +8,7 @@
 #include <system_error>
 #include <vector>
 
-#include "evmarker/camera.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/opencv/settings_file.hpp"
 
 namespace evmarker::opencv {

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Which marker a quadrilateral in an image is, by its cells.
+// Which marker a quadrilateral in an image is, by its cells.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
@@ -13,9 +13,9 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/marker_model.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/pose.hpp"
 #include "evmarker/opencv/dark_quads.hpp"
-#include "evmarker/pose.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Dark quadrilaterals in an image whose outlines are ragged, interrupted and have whiskers.
+// Dark quadrilaterals in an image whose outlines are ragged, interrupted and have whiskers.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. How well a marker's pose agrees with a frame of last polarities, and the pose nearby that agrees best.
+// How well a marker's pose agrees with a frame of last polarities, and the pose nearby that agrees best.
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -8,9 +8,9 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "evmarker/camera.hpp"
-#include "evmarker/marker_model.hpp"
-#include "evmarker/so3.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
 
 namespace evmarker::opencv {
 

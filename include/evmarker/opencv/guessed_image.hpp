@@ -1,12 +1,12 @@
 #pragma once
-// opencv. The image behind a frame of last polarities, guessed where no edge has passed yet.
+// The image behind a frame of last polarities, guessed where no edge has passed yet.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "evmarker/polarity_frame.hpp"
+#include "evmarker/events/polarity_frame.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Pictures of events, markers and poses for people to look at.
+// Pictures of events, markers and poses for people to look at.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -11,11 +11,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "evmarker/camera.hpp"
-#include "evmarker/event.hpp"
-#include "evmarker/marker_model.hpp"
-#include "evmarker/polarity_frame.hpp"
-#include "evmarker/pose.hpp"
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/polarity_frame.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/pose.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Files of named fields that OpenCV's FileStorage reads, with errors that name file, field and value.
+// Files of named fields that OpenCV's FileStorage reads, with errors that name file, field and value.
 #include <Eigen/Core>
 #include <cerrno>
 #include <cmath>

@@ -1,5 +1,5 @@
 #pragma once
-// opencv. Bodies of straight edges from files.
+// Bodies of straight edges from files.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -10,9 +10,9 @@
 #include <string_view>
 #include <vector>
 
+#include "evmarker/base/so3.hpp"
+#include "evmarker/model/wireframe.hpp"
 #include "evmarker/opencv/settings_file.hpp"
-#include "evmarker/so3.hpp"
-#include "evmarker/wireframe.hpp"
 
 namespace evmarker::opencv {
 

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 1. One pixel of an event camera: what makes it fire and when.
+// One pixel of an event camera: what makes it fire and when.
 #include <cmath>
 #include <limits>
 

@@ -1,9 +1,9 @@
 #pragma once
-// Floor 1. Brings events that come in any order into the order of time.
+// Brings events that come in any order into the order of time.
 #include <algorithm>
 #include <vector>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 
 namespace evmarker {
 

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. When pixels that sleep under constant light fire all the same.
+// When pixels that sleep under constant light fire all the same.
 #include <algorithm>
 #include <cstddef>
 #include <limits>

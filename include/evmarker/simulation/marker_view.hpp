@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. A printed marker as a camera sees it at one pose.
+// A printed marker as a camera sees it at one pose.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. Events without a cause.
+// Events without a cause.
 #include <algorithm>
 #include <cstdint>
 #include <vector>

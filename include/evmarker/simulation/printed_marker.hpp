@@ -1,5 +1,5 @@
 #pragma once
-// Floor 1. A code marker on white paper, seen through a blur.
+// A code marker on white paper, seen through a blur.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/marker_model.hpp"
+#include "evmarker/model/marker_model.hpp"
 
 namespace evmarker {
 

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 0. Seeded random numbers that are the same with every standard library.
+// Seeded random numbers that are the same with every standard library.
 #include <cmath>
 #include <cstdint>
 #include <numbers>

@@ -1,5 +1,5 @@
 #pragma once
-// Floor 5. The light that a scene sends to each pixel of a camera.
+// The light that a scene sends to each pixel of a camera.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
@@ -12,11 +12,11 @@
 #include <variant>
 #include <vector>
 
-#include "evmarker/camera.hpp"
-#include "evmarker/scene.hpp"
+#include "evmarker/model/camera.hpp"
 #include "evmarker/simulation/marker_view.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
 #include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/scene.hpp"
 #include "evmarker/simulation/texture.hpp"
 #include "evmarker/simulation/tile_grid.hpp"
 

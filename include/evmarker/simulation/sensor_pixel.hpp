@@ -1,5 +1,5 @@
 #pragma once
-// Floor 2. The pixels of a simulated sensor: how they differ from each other and with their light.
+// The pixels of a simulated sensor: how they differ from each other and with their light.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,12 +1,12 @@
 #pragma once
-// Floor 1. Real event sensors, as far as public sources say what they do.
+// Real event sensors, as far as public sources say what they do.
 #include <array>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 #include "evmarker/simulation/simulator_settings.hpp"
 
 namespace evmarker {

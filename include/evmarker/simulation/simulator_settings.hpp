@@ -1,5 +1,5 @@
 #pragma once
-// Floor 0. The simulated sensor and how finely time is cut.
+// The simulated sensor and how finely time is cut.
 #include <cmath>
 #include <cstdint>
 #include <stdexcept>

@@ -1,13 +1,13 @@
 #pragma once
-// Floor 4. The light of a textured background.
+// The light of a textured background.
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <vector>
 
-#include "evmarker/scene.hpp"
 #include "evmarker/simulation/random.hpp"
+#include "evmarker/simulation/scene.hpp"
 
 namespace evmarker {
 

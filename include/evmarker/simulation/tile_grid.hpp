@@ -1,8 +1,8 @@
 #pragma once
-// Floor 1. A sensor's pixels in square tiles.
+// A sensor's pixels in square tiles.
 #include <cstddef>
 
-#include "evmarker/event.hpp"
+#include "evmarker/events/event.hpp"
 
 namespace evmarker {
 

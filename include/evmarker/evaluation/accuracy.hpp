@@ -1,0 +1,96 @@
+#pragma once
+// How far estimated poses are from the truth, and how much of the time there are any.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/model/pose.hpp"
+
+namespace evmarker {
+
+/// Distance of an estimated pose from the true one.
+struct PoseError {
+  double translation_mm = 0;
+  double rotation_deg = 0;  ///< geodesic
+};
+
+inline PoseError pose_error(const Eigen::Isometry3d& estimate, const Eigen::Isometry3d& truth) {
+  return {1e3 * (estimate.translation() - truth.translation()).norm(),
+          180 / std::numbers::pi * geodesic_angle(estimate.linear(), truth.linear())};
+}
+
+/// Mean, median, 95th percentile and maximum of a sample; all zero for an empty one.
+struct Spread {
+  double mean = 0, median = 0, p95 = 0, max = 0;
+
+  static Spread of(std::vector<double> values) {
+    if (values.empty()) return {};
+    std::ranges::sort(values);
+    const auto quantile = [&](double q) {
+      return values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+    };
+    return {std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size()), quantile(0.5),
+            quantile(0.95), values.back()};
+  }
+};
+
+/// Compares the poses of one marker with its truth. Only poses in state `tracking` count: they are what a user relies
+/// on.
+class AccuracyMeter {
+ public:
+  /// @param slot coverage is the share of slots of this length that hold a `tracking` pose
+  explicit AccuracyMeter(std::chrono::microseconds slot = std::chrono::milliseconds(10)) : slot_us_(slot.count()) {
+    if (slot_us_ < 1) throw std::invalid_argument("accuracy: slot is " + std::to_string(slot_us_) + " us");
+  }
+
+  void add(const PoseEstimate& estimate, const Eigen::Isometry3d& truth) {
+    if (all_ == 0) first_t_ = estimate.t;
+    ++all_;
+    if (estimate.quality.state == TrackingState::lost) ++lost_;
+    if (estimate.quality.state != TrackingState::tracking) return;
+    PoseError error = pose_error(estimate.T_camera_marker, truth);
+    for (double* value : {&error.translation_mm, &error.rotation_deg})  // no number, no way to sort
+      if (std::isnan(*value)) *value = std::numeric_limits<double>::infinity();
+    translation_mm_.push_back(error.translation_mm);
+    rotation_deg_.push_back(error.rotation_deg);
+    wild_ += error.translation_mm > 50 || error.rotation_deg > 20;
+    if (estimate.t >= first_t_) slots_.push_back((estimate.t - first_t_) / slot_us_);
+  }
+
+  std::size_t poses() const noexcept { return all_; }  ///< in any state
+  std::size_t tracking() const noexcept { return translation_mm_.size(); }
+  std::size_t lost() const noexcept { return lost_; }      ///< times that the marker was lost
+  std::size_t wild() const noexcept { return wild_; }      ///< `tracking`, yet off by more than 50 mm or 20 deg
+  Timestamp first_t() const noexcept { return first_t_; }  ///< of the first pose in any state [us]
+  Spread translation_mm() const { return Spread::of(translation_mm_); }
+  Spread rotation_deg() const { return Spread::of(rotation_deg_); }
+
+  /// Share of the slots from the first pose to `end` [us] that hold a `tracking` pose.
+  double coverage(Timestamp end) const {
+    if (all_ == 0 || end < first_t_ + slot_us_) return 0;
+    const Timestamp slots = (end - first_t_) / slot_us_;  // whole ones
+    std::vector<Timestamp> covered = slots_;
+    std::ranges::sort(covered);
+    covered.erase(std::unique(covered.begin(), covered.end()), covered.end());  // clang 14 refuses ranges::unique
+    const auto within = std::ranges::lower_bound(covered, slots) - covered.begin();
+    return static_cast<double>(within) / static_cast<double>(slots);
+  }
+
+ private:
+  Timestamp slot_us_;
+  Timestamp first_t_ = 0;
+  std::size_t all_ = 0, lost_ = 0, wild_ = 0;
+  std::vector<double> translation_mm_, rotation_deg_;
+  std::vector<Timestamp> slots_;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,97 @@
+#pragma once
+// How many events per pixel and second a sensor makes without a cause.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+
+#include "evmarker/events/event.hpp"
+
+namespace evmarker {
+
+/// Measures the rate of background activity [Hz/px] from the ages of events: the time since the last event of the same
+/// pixel or of one of its 8 neighbours.
+///
+/// Noise of rate r comes at an age over a with a probability of exp(-9 r a), whatever the edges do. So r is not above
+/// n(a) exp(9 r a), where n(a) is the measured rate of events at an age over a. All events together (a = 0) give a
+/// first bound. With it, an age at which even so much noise would not be hidden yet gives a closer one, and so on with
+/// longer ages. With noise alone every bound is r; events of edges, of hot pixels and of bursts leave the count once a
+/// is longer than their ages. Where edges pass so often that they hide the noise, they make ten times as many events as
+/// it does, and its rate does not matter.
+class BackgroundActivity {
+ public:
+  explicit BackgroundActivity(double pixels) noexcept : hz_per_px_of_one_(1e6 / pixels) {}
+
+  /// Adds one event in so many, in order of arrival.
+  /// @param age_us time since the last event there or beside it
+  /// @return after how many events the next one is to be added: about one in 0.2 ms is enough
+  std::uint64_t add(std::uint64_t age_us, Timestamp t) noexcept {
+    // Neither a step back nor a jump of the clock is time in which nothing happened.
+    const std::uint64_t passed_us = t > last_t_ && samples_ > 0 ? std::min(elapsed_us(last_t_, t), kLongest_us) : 0;
+    observed_us_ += static_cast<double>(passed_us);
+    last_t_ = t;
+    // Nobody knows of events before the first one.
+    const std::uint64_t known_us = std::min({age_us, static_cast<std::uint64_t>(observed_us_), kOldest_us});
+    by_age_[static_cast<std::size_t>(std::bit_width(known_us / kYoungest_us))] += static_cast<double>(per_sample_);
+    if (++samples_ % kSamplesPerEstimate == 0 && observed_us_ > 0) estimate();
+    if (passed_us < kEnough_us / 2)
+      per_sample_ = std::min(2 * per_sample_, kMostPerSample);
+    else if (passed_us > 2 * kEnough_us)
+      per_sample_ = std::max(per_sample_ / 2, kEventsAtFirst);
+    return per_sample_;
+  }
+
+  /// As of the last events; 1 Hz/px before there were any.
+  double hz_per_px() const noexcept { return hz_per_px_; }
+
+  /// After so many events the first one is to be added.
+  static constexpr std::uint64_t kEventsAtFirst = 32;
+
+ private:
+  static constexpr std::uint64_t kYoungest_us = 64, kOldest_us = kYoungest_us << 10;  // ages that are told apart
+  static constexpr std::size_t kAges = 12;
+  static constexpr std::uint64_t kSamplesPerEstimate = 16;
+  static constexpr std::uint64_t kEnough_us = 200;              // between two samples
+  static constexpr std::uint64_t kMostPerSample = 1024;         // events
+  static constexpr std::uint64_t kLongest_us = 1000000;         // between two samples
+  static constexpr double kPrior = 1, kPriorSamples = 16;       // [Hz/px], and what that is worth
+  static constexpr double kMemory_us = 200000, kMemory = 1024;  // at least so long, and so many samples
+
+  void estimate() noexcept {
+    // Of events at an age over `age_us`, in the time in which that could be known. One sample more: there may be some
+    // where none was seen.
+    const auto rate_of = [&](double older, double age_us) {
+      return (older + static_cast<double>(per_sample_)) * hz_per_px_of_one_ / (observed_us_ - age_us);
+    };
+    double older = std::accumulate(by_age_.begin(), by_age_.end(), 0.0);
+    double rate = rate_of(older, 0), age_us = kYoungest_us;
+    for (std::size_t i = 0; i + 1 < kAges; ++i, age_us *= 2) {
+      const double hidden = 9e-6 * rate * age_us;
+      if (hidden > 1 || age_us > observed_us_ / 2) break;
+      older -= by_age_[i];
+      rate = std::min(rate, rate_of(older, age_us) * std::exp(hidden));
+    }
+    remembered_ += static_cast<double>(kSamplesPerEstimate);
+    hz_per_px_ = (remembered_ * rate + kPriorSamples * kPrior) / (remembered_ + kPriorSamples);
+    if (observed_us_ > 2 * kMemory_us && remembered_ > 2 * kMemory) forget_half();
+  }
+
+  void forget_half() noexcept {
+    for (double& count : by_age_) count /= 2;
+    observed_us_ /= 2;
+    remembered_ /= 2;
+  }
+
+  double hz_per_px_of_one_;  // rate of one event in a microsecond [Hz/px]
+  std::array<double, kAges> by_age_{};
+  double observed_us_ = 0;
+  double remembered_ = 0;  // samples
+  std::uint64_t samples_ = 0, per_sample_ = kEventsAtFirst;
+  Timestamp last_t_ = 0;
+  double hz_per_px_ = kPrior;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,39 @@
+#pragma once
+// Where events come from and what lets them through: the concepts at the library's entrance.
+#include <concepts>
+#include <ranges>
+#include <span>
+
+#include "evmarker/events/event.hpp"
+
+namespace evmarker {
+
+/// A recording, a camera or a simulation that is pulled batch by batch. `next_batch()` blocks until events are there;
+/// the span stays valid until the next call; an empty span is the end.
+template <typename S>
+concept EventSource = requires(S& source, const S& constant) {
+  typename S::event_type;
+  requires EventLike<typename S::event_type>;
+  { constant.sensor_size() } -> std::same_as<SensorSize>;
+  { source.next_batch() } -> std::convertible_to<std::span<const typename S::event_type>>;
+};
+
+/// Decides event by event, in order of arrival, which events go on.
+template <typename F>
+concept EventFilter = requires(F& filter, const Event& event) {
+  { filter.accept(event) } -> std::same_as<bool>;
+};
+
+/// The filter that lets every event through.
+struct AcceptAll {
+  constexpr bool accept(const Event&) noexcept { return true; }
+};
+
+/// Calls `use(event)` for every event of the source, in order.
+template <EventSource Source, std::invocable<const typename Source::event_type&> Use>
+void for_each_event(Source& source, Use&& use) {
+  for (auto batch = source.next_batch(); !std::ranges::empty(batch); batch = source.next_batch())
+    for (const auto& event : batch) use(event);
+}
+
+}  // namespace evmarker

@@ -1,0 +1,54 @@
+#pragma once
+// What it means in space that an event matches an edge: of one event, and of eight number by number.
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/simd/lanes.hpp"
+
+namespace evmarker {
+
+/// An event and the point of the model that is assumed to have made it. Points are in the camera frame [m].
+struct Correspondence {
+  Timestamp t = 0;                              ///< of the event [us]
+  double polarity = 0;                          ///< of the event: 1 ON, -1 OFF, 0 unknown
+  int segment = 0;                              ///< index into MarkerModel::segments
+  double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
+  double squared_px = 0;                        ///< `distance_px` squared
+  Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
+  bool dark_side_known = false;                 ///< whether `normal` points to the dark side
+  Eigen::Vector3d gradient{0, 0, 0};            ///< how far the edge's point E moves along `normal`, by E [px/m]
+  Eigen::Vector3d M = Eigen::Vector3d::Zero();  ///< line of sight, Eq. (2)
+  Eigen::Vector3d F = Eigen::Vector3d::Zero();  ///< point on the line of sight, Eq. (3)
+  Eigen::Vector3d E = Eigen::Vector3d::Zero();  ///< point on the segment, Eq. (4)
+};
+
+/// Up to eight events matched at one pose: what `Correspondence` says of each, in lanes, toward the dark side of its
+/// edge. Lanes from `count` on are finite and mean nothing.
+struct alignas(64) Correspondences {
+  Lanes t;              ///< [us]
+  Lanes polarity;       ///< 1 ON, -1 OFF, 0 unknown
+  Lanes distance_px;    ///< Eq. (1)
+  Lanes M_x, M_y;       ///< line of sight (x, y; 1), Eq. (2)
+  Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
+  Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
+  Lanes g_x, g_y, g_z;  ///< how far E moves along the edge's image normal, by E [px/m]
+  Lanes is_event;       ///< 1, and 0 from `count` on
+  std::size_t count = 0;
+
+  void set_count(std::size_t events) noexcept {
+    static constexpr std::array<double, 2 * kLanes> kOnes{1, 1, 1, 1, 1, 1, 1, 1};
+    count = events;
+    for (std::size_t i = 0; i < kLanes; ++i) is_event[i] = kOnes[kLanes - events + i];
+  }
+};
+
+/// How far behind a moving edge its events lie [px]: a pixel fires only when a whole step of the contrast has been
+/// passed, so on average half a step late.
+/// @param events_per_px2 that one pixel makes while the edge passes over it
+inline double expected_trail_px(double edge_width_px, double events_per_px2) noexcept {
+  return edge_width_px / (2 * events_per_px2);
+}
+
+}  // namespace evmarker

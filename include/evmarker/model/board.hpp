@@ -1,0 +1,61 @@
+#pragma once
+// Code markers with known places on one rigid body: one wireframe, one pose.
+#include <Eigen/Geometry>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/pose.hpp"
+
+namespace evmarker {
+
+/// A code marker on a board.
+struct BoardMarker {
+  MarkerId id = 0;
+  double length = 0;  ///< side of the black square [m]
+  CodeBits bits;      ///< the cells inside its border, 1 white
+  Eigen::Isometry3d T_board_marker = Eigen::Isometry3d::Identity();
+};
+
+/// Markers that move as one: on a plate, or on the faces of a convex body.
+struct Board {
+  MarkerId id = 0;  ///< of the pose of the whole; no marker outside of the board may have it
+  std::vector<BoardMarker> markers;
+};
+
+/// Rejects a board that cannot be tracked, with an error that names marker and value.
+inline void validate(const Board& board) {
+  const std::string name = "board " + std::to_string(board.id);
+  if (board.markers.empty()) throw std::invalid_argument(name + " has no markers");
+  for (std::size_t i = 0; i < board.markers.size(); ++i) {
+    const BoardMarker& marker = board.markers[i];
+    const std::string whose = name + ": marker " + std::to_string(marker.id);
+    for (std::size_t k = 0; k < i; ++k)
+      if (board.markers[k].id == marker.id) throw std::invalid_argument(whose + " is there twice");
+    const auto& T = marker.T_board_marker;
+    if (!T.matrix().allFinite()) throw std::invalid_argument(whose + ": T_board_marker is not finite");
+    // Written so that a mirrored or scaled matrix is refused too.
+    if (!(T.linear().transpose() * T.linear()).isIdentity(1e-6) || !(T.linear().determinant() > 0))
+      throw std::invalid_argument(whose + ": T_board_marker is no rotation and translation");
+  }
+}
+
+/// All edges of all markers of a board, in the board's frame. Each is seen from the front of its marker only, so that
+/// on a convex body no hidden edge matches.
+/// @throws std::invalid_argument naming the board's or marker's fault
+inline MarkerModel make_board_model(const Board& board) {
+  validate(board);
+  MarkerModel model;
+  for (const BoardMarker& marker : board.markers) {
+    const int first = static_cast<int>(model.vertices.size());
+    const MarkerModel one = make_code_marker(marker.length, marker.bits);
+    for (const Eigen::Vector3d& vertex : one.vertices) model.vertices.push_back(marker.T_board_marker * vertex);
+    const auto& R = marker.T_board_marker.linear();
+    for (const MarkerSegment& edge : one.segments)
+      model.segments.push_back({first + edge.from, first + edge.to, R * edge.dark_side, R * edge.face_normal});
+  }
+  return model;
+}
+
+}  // namespace evmarker

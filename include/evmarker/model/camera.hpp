@@ -1,0 +1,159 @@
+#pragma once
+// Camera models: from a point in space to a pixel and from a pixel to its line of sight.
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <initializer_list>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "evmarker/events/event.hpp"
+
+namespace evmarker {
+
+/// A calibrated camera; x right, y down, z forward; pixel (0, 0) is the centre of the top-left pixel.
+template <typename C>
+concept CameraModel = requires(const C& camera, const Eigen::Vector3d& point, const Eigen::Vector2d& pixel) {
+  { camera.sensor_size() } -> std::same_as<SensorSize>;
+  /// Pixels per unit of tangent near the optical axis: turns an angle into a distance in the image.
+  { camera.focal_length() } -> std::convertible_to<double>;
+  /// Pixel (distorted) of a point [m, camera frame] in front of the camera.
+  { camera.project(point) } -> std::convertible_to<Eigen::Vector2d>;
+  /// Eq. (2): M = K^-1 (u; 1) of a (distorted) pixel, with z = 1; NaN where the lens model has no inverse.
+  { camera.line_of_sight(pixel) } -> std::convertible_to<Eigen::Vector3d>;
+};
+
+/// No lens distortion.
+struct NoDistortion {
+  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept { return m; }
+};
+
+/// OpenCV's radial-tangential model with `k1 k2 p1 p2 k3`.
+struct BrownConradyDistortion {
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
+
+  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
+    const double x = m.x(), y = m.y(), r2 = m.squaredNorm();
+    const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+    return {x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y};
+  }
+};
+
+/// OpenCV's and Kalibr's fisheye model with `k1 k2 k3 k4`.
+struct EquidistantDistortion {
+  double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
+
+  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
+    const double r = m.norm();
+    if (r < 1e-12) return m;
+    const double theta = std::atan(r), t2 = theta * theta;
+    return m * (theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / r);
+  }
+};
+
+using Distortion = std::variant<NoDistortion, BrownConradyDistortion, EquidistantDistortion>;
+
+/// A pinhole camera behind a lens: `u = K distort(X/Z, Y/Z)`.
+class PinholeCamera {
+ public:
+  /// @param size sensor size [px]
+  /// @param fx,fy focal lengths [px]
+  /// @param cx,cy principal point [px]
+  /// @throws std::invalid_argument naming the parameter that is not finite or not positive
+  PinholeCamera(SensorSize size, double fx, double fy, double cx, double cy, Distortion distortion = {})
+      : size_(size), fx_(fx), fy_(fy), cx_(cx), cy_(cy), distortion_(distortion) {
+    const auto require = [](bool good, const char* name, double value) {
+      if (!good) throw std::invalid_argument(std::string("camera: ") + name + " is " + std::to_string(value));
+    };
+    require(size.width > 0, "image width", size.width);
+    require(size.height > 0, "image height", size.height);
+    require(std::isfinite(fx) && fx > 0, "fx", fx);
+    require(std::isfinite(fy) && fy > 0, "fy", fy);
+    require(std::isfinite(cx), "cx", cx);
+    require(std::isfinite(cy), "cy", cy);
+    using Coefficients = std::initializer_list<std::pair<const char*, double>>;
+    const auto require_finite = [&](Coefficients coefficients) {
+      for (const auto& [name, value] : coefficients) require(std::isfinite(value), name, value);
+    };
+    if (const auto* d = std::get_if<BrownConradyDistortion>(&distortion_))
+      require_finite({{"k1", d->k1}, {"k2", d->k2}, {"p1", d->p1}, {"p2", d->p2}, {"k3", d->k3}});
+    if (const auto* d = std::get_if<EquidistantDistortion>(&distortion_))
+      require_finite({{"k1", d->k1}, {"k2", d->k2}, {"k3", d->k3}, {"k4", d->k4}});
+    fold_ = fold_radius();
+  }
+
+  SensorSize sensor_size() const noexcept { return size_; }
+  double focal_length() const noexcept { return std::sqrt(fx_ * fy_); }
+  double fx() const noexcept { return fx_; }
+  double fy() const noexcept { return fy_; }
+  double cx() const noexcept { return cx_; }
+  double cy() const noexcept { return cy_; }
+  const Distortion& distortion() const noexcept { return distortion_; }
+
+  Eigen::Vector2d project(const Eigen::Vector3d& point) const noexcept {
+    const Eigen::Vector2d m = distort(point.head<2>() / point.z());
+    return {fx_ * m.x() + cx_, fy_ * m.y() + cy_};
+  }
+
+  Eigen::Vector3d line_of_sight(const Eigen::Vector2d& pixel) const noexcept {
+    const Eigen::Vector2d distorted((pixel.x() - cx_) / fx_, (pixel.y() - cy_) / fy_);
+    return undistort(distorted).homogeneous();
+  }
+
+ private:
+  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
+    return std::visit([&](const auto& d) -> Eigen::Vector2d { return d.distort(m); }, distortion_);
+  }
+
+  // Where the image of a ray, turned outward, first stops moving outward: beyond, the polynomial of the lens comes back
+  // over the same pixels, and a solution found there would be a ghost.
+  double fold_radius() const noexcept {
+    Distortion radial = distortion_;
+    if (auto* d = std::get_if<BrownConradyDistortion>(&radial)) d->p1 = d->p2 = 0;
+    double fold = 0, outermost = 0;
+    for (double angle = 1e-3; angle < std::numbers::pi / 2; angle += 1e-3) {
+      const double r = std::tan(angle);
+      const double image = std::visit([&](const auto& d) { return d.distort({r, 0}).x(); }, radial);
+      if (!(image > outermost)) return fold;
+      fold = r;
+      outermost = image;
+    }
+    return std::numeric_limits<double>::infinity();
+  }
+
+  // Newton's method with a numerical Jacobian, its step limited so that strong distortion converges too.
+  Eigen::Vector2d undistort(const Eigen::Vector2d& distorted) const noexcept {
+    if (std::holds_alternative<NoDistortion>(distortion_)) return distorted;
+    constexpr double kStep = 1e-6, kTolerance = 1e-12;
+    Eigen::Vector2d m = distorted;
+    if (m.norm() > 0.9 * fold_) m *= 0.9 * fold_ / m.norm();
+    for (int iteration = 0; iteration < 50; ++iteration) {
+      const Eigen::Vector2d error = distorted - distort(m);
+      if (error.norm() < kTolerance) break;
+      Eigen::Matrix2d jacobian;
+      jacobian.col(0) = (distort(m + Eigen::Vector2d(kStep, 0)) - distort(m - Eigen::Vector2d(kStep, 0))) / (2 * kStep);
+      jacobian.col(1) = (distort(m + Eigen::Vector2d(0, kStep)) - distort(m - Eigen::Vector2d(0, kStep))) / (2 * kStep);
+      if (!(jacobian.determinant() > 1e-6)) break;  // beyond the fold of the lens model
+      Eigen::Vector2d step = jacobian.inverse() * error;
+      const double limit = 0.5 * (1 + m.norm());
+      if (step.norm() > limit) step *= limit / step.norm();
+      m += step;
+    }
+    if ((distorted - distort(m)).norm() < 1e-9 && m.norm() <= fold_) return m;
+    return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+
+  SensorSize size_;
+  double fx_, fy_, cx_, cy_;
+  Distortion distortion_;
+  double fold_ = 0;  // [tangent]
+};
+
+}  // namespace evmarker

@@ -1,0 +1,158 @@
+#pragma once
+// A marker as a wireframe: the edges at which it makes events.
+#include <Eigen/Core>
+#include <cmath>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace evmarker {
+
+/// One straight edge between two vertices. `dark_side` is the unit vector [marker frame], perpendicular to the edge,
+/// that points into the darker of the two areas it separates; zero where that is not known. `face_normal` points out of
+/// the face that the edge is printed on, which hides it from behind; zero for an edge that is seen from everywhere.
+struct MarkerSegment {
+  int from = 0;
+  int to = 0;
+  Eigen::Vector3d dark_side = Eigen::Vector3d::Zero();
+  Eigen::Vector3d face_normal = Eigen::Vector3d::Zero();
+};
+
+/// Whether an edge is on a side that is turned to the camera, or on none.
+/// @param point any of its points [camera frame]
+/// @param R_camera_marker rotation from the marker to the camera frame
+inline bool faces_camera(const MarkerSegment& segment, const Eigen::Vector3d& point,
+                         const Eigen::Matrix3d& R_camera_marker) noexcept {
+  return segment.face_normal.isZero() || (R_camera_marker * segment.face_normal).dot(point) < 0;
+}
+
+/// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the
+/// marker) and the edges between them.
+struct MarkerModel {
+  std::vector<Eigen::Vector3d> vertices;
+  std::vector<MarkerSegment> segments;
+  /// Cells along a side of a square code marker, all of whose edges lie on the lines between the cells; 0 if it is
+  /// none.
+  int cells = 0;
+};
+
+/// The cells inside a code marker's black border: rows from top to bottom, 1 white, 0 black.
+using CodeBits = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+namespace detail {
+
+inline void require_marker_length(double length, const char* field = "length") {
+  if (!(std::isfinite(length) && length > 0))
+    throw std::invalid_argument(std::string("marker ") + field + " must be a positive number of metres, not " +
+                                std::to_string(length));
+}
+
+}  // namespace detail
+
+/// Rejects a wireframe that cannot be tracked: no edge, an index without a vertex, a vertex that is not finite, an edge
+/// without length.
+inline void validate(const MarkerModel& model) {
+  if (model.segments.empty()) throw std::invalid_argument("marker model: no segments");
+  for (std::size_t i = 0; i < model.vertices.size(); ++i)
+    if (!model.vertices[i].allFinite())
+      throw std::invalid_argument("marker model: vertex " + std::to_string(i) + " is not finite");
+  const auto known = [&](int index) { return index >= 0 && index < static_cast<int>(model.vertices.size()); };
+  for (std::size_t i = 0; i < model.segments.size(); ++i) {
+    const auto& [from, to, dark_side, face_normal] = model.segments[i];
+    const std::string name = "marker model: segment " + std::to_string(i);
+    if (!known(from) || !known(to))
+      throw std::invalid_argument(name + " joins vertices " + std::to_string(from) + " and " + std::to_string(to) +
+                                  " of " + std::to_string(model.vertices.size()));
+    const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
+    if (vertex(from) == vertex(to)) throw std::invalid_argument(name + " has no length");
+    if (!dark_side.allFinite()) throw std::invalid_argument(name + ": dark side is not finite");
+    if (!face_normal.allFinite()) throw std::invalid_argument(name + ": face normal is not finite");
+  }
+}
+
+/// The outline of a dark square of side `length` [m]: four corners from the top left clockwise, four edges, dark
+/// inside, seen from the front only.
+inline MarkerModel make_square_marker(double length) {
+  detail::require_marker_length(length);
+  const double h = length / 2;
+  return {{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}},
+          {{0, 1, {0, -1, 0}, Eigen::Vector3d::UnitZ()},
+           {1, 2, {-1, 0, 0}, Eigen::Vector3d::UnitZ()},
+           {2, 3, {0, 1, 0}, Eigen::Vector3d::UnitZ()},
+           {3, 0, {1, 0, 0}, Eigen::Vector3d::UnitZ()}},
+          1};
+}
+
+/// The outline of a dark rectangle, `width` by `height` [m], otherwise as `make_square_marker`.
+/// @throws std::invalid_argument naming the side that is not positive
+inline MarkerModel make_rectangle_marker(double width, double height) {
+  detail::require_marker_length(width, "width");
+  detail::require_marker_length(height, "height");
+  if (width == height) return make_square_marker(width);  // which is matched faster
+  MarkerModel model = make_square_marker(1);
+  for (Eigen::Vector3d& vertex : model.vertices) vertex = vertex.cwiseProduct(Eigen::Vector3d(width, height, 0));
+  model.cells = 0;
+  return model;
+}
+
+/// The outline of a black-bordered code marker (ArUco, AprilTag) and every edge between its black and white cells.
+/// `length` [m] is the side of the black square; `bits` are the cells inside its border, which is one cell wide.
+inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
+  detail::require_marker_length(length);
+  if (bits.rows() < 1 || bits.rows() != bits.cols())
+    throw std::invalid_argument("marker code must be a square of cells, not " + std::to_string(bits.rows()) + " x " +
+                                std::to_string(bits.cols()));
+  const int cells = static_cast<int>(bits.rows()) + 2;
+  const auto white = [&](int row, int column) {  // outside the marker is white, its border black
+    if (row < 0 || row >= cells || column < 0 || column >= cells) return true;
+    if (row == 0 || row == cells - 1 || column == 0 || column == cells - 1) return false;
+    return bits(row - 1, column - 1) != 0;
+  };
+
+  const Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  MarkerModel model;
+  model.cells = cells;
+  const auto corner = [&](int row, int column) {
+    const double cell = length / cells;
+    const Eigen::Vector3d vertex(column * cell - length / 2, length / 2 - row * cell, 0);
+    for (std::size_t i = 0; i < model.vertices.size(); ++i)
+      if (model.vertices[i] == vertex) return static_cast<int>(i);
+    model.vertices.push_back(vertex);
+    return static_cast<int>(model.vertices.size()) - 1;
+  };
+  // Along each lattice line, join neighbouring cell edges that are dark on the same side into one segment.
+  const auto add_line = [&](int line, bool horizontal) {
+    const auto dark = [&](int along) {  // -1 dark before the line (above, left), +1 behind it, 0 no edge
+      const bool before = horizontal ? white(line - 1, along) : white(along, line - 1);
+      const bool behind = horizontal ? white(line, along) : white(along, line);
+      return static_cast<int>(before) - static_cast<int>(behind);
+    };
+    for (int begin = 0, end = 0; begin < cells; begin = end) {
+      const int side = dark(begin);
+      for (end = begin + 1; end < cells && dark(end) == side;) ++end;
+      if (side == 0) continue;
+      if (horizontal)
+        model.segments.push_back({corner(line, begin), corner(line, end), Eigen::Vector3d(0, -side, 0), normal});
+      else
+        model.segments.push_back({corner(begin, line), corner(end, line), Eigen::Vector3d(side, 0, 0), normal});
+    }
+  };
+  for (int line = 0; line <= cells; ++line) {
+    add_line(line, true);
+    add_line(line, false);
+  }
+  return model;
+}
+
+/// The centre of the box around all vertices, marker frame [m].
+inline Eigen::Vector3d centre(const MarkerModel& model) noexcept {
+  Eigen::Vector3d low = model.vertices.front(), high = low;
+  for (const Eigen::Vector3d& vertex : model.vertices) {
+    low = low.cwiseMin(vertex);
+    high = high.cwiseMax(vertex);
+  }
+  return (low + high) / 2;
+}
+
+}  // namespace evmarker

@@ -1,0 +1,71 @@
+#pragma once
+// The line of sight of every pixel, looked up instead of computed for every event.
+#include <Eigen/Core>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/model/camera.hpp"
+
+namespace evmarker {
+
+/// Any camera as a table: pixel -> (X/Z, Y/Z) of its line of sight, with the lens distortion taken out. Copies share
+/// the table.
+class UndistortionTable {
+ public:
+  template <CameraModel Camera>
+  explicit UndistortionTable(const Camera& camera)
+      : size_(camera.sensor_size()), focal_length_(static_cast<double>(camera.focal_length())) {
+    if (size_.width < 1 || size_.height < 1)
+      throw std::invalid_argument("camera: sensor size is " + std::to_string(size_.width) + " x " +
+                                  std::to_string(size_.height));
+    if (!(std::isfinite(focal_length_) && focal_length_ > 0))
+      throw std::invalid_argument("camera: focal length is " + std::to_string(focal_length_));
+    auto lines = std::make_shared<std::vector<Eigen::Vector2f>>();
+    lines->reserve(static_cast<std::size_t>(size_.width) * static_cast<std::size_t>(size_.height));
+    for (int y = 0; y < size_.height; ++y)
+      for (int x = 0; x < size_.width; ++x) {
+        const Eigen::Vector3d M = camera.line_of_sight(Eigen::Vector2d(x, y));
+        lines->emplace_back((M.head<2>() / M.z()).template cast<float>());
+        if (!lines->back().allFinite()) continue;
+        low_ = low_.cwiseMin(lines->back().template cast<double>());
+        high_ = high_.cwiseMax(lines->back().template cast<double>());
+      }
+    lines_ = std::move(lines);
+  }
+
+  SensorSize sensor_size() const noexcept { return size_; }
+  /// [px] per unit of tangent.
+  double focal_length() const noexcept { return focal_length_; }
+
+  /// The smallest rectangle that holds (X/Z, Y/Z) of every pixel.
+  const Eigen::Vector2d& low() const noexcept { return low_; }
+  const Eigen::Vector2d& high() const noexcept { return high_; }
+
+  /// M = (m; 1) of Eq. (2) for an event on the sensor; NaN where the lens model has no inverse.
+  Eigen::Vector2d operator()(const Event& event) const noexcept { return (*lines_)[pixel(event)].cast<double>(); }
+
+  /// Has the line of sight of an event on the sensor brought into the cache.
+  void prefetch(const Event& event) const noexcept { __builtin_prefetch(&(*lines_)[pixel(event)]); }
+
+  /// Far from every marker.
+  static Eigen::Vector2d nowhere() noexcept {
+    return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+
+ private:
+  std::size_t pixel(const Event& event) const noexcept {
+    return static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
+  }
+
+  SensorSize size_;
+  double focal_length_;
+  Eigen::Vector2d low_ = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high_ = -low_;
+  std::shared_ptr<const std::vector<Eigen::Vector2f>> lines_;
+};
+
+}  // namespace evmarker

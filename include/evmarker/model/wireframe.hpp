@@ -1,0 +1,34 @@
+#pragma once
+// A rigid body of straight edges that no detector finds: its edges, its id, where it is at first.
+#include <Eigen/Geometry>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/pose.hpp"
+
+namespace evmarker {
+
+/// A body that is followed by its edges alone. Its origin is where its vertices are counted from.
+struct Wireframe {
+  MarkerId id = 0;    ///< of its poses
+  MarkerModel model;  ///< vertices [m]
+  /// T_camera_wireframe [m] at the first event, roughly: the start search looks around it.
+  std::optional<Eigen::Isometry3d> start = std::nullopt;
+};
+
+/// Rejects a start from which a body cannot be followed: no rigid motion, or a vertex that is not in front of the
+/// camera.
+/// @throws std::invalid_argument naming the fault
+inline void validate_start(const MarkerModel& model, const Eigen::Isometry3d& start) {
+  if (!start.matrix().allFinite()) throw std::invalid_argument("start is not finite");
+  if (!(start.linear().transpose() * start.linear()).isIdentity(1e-6) || !(start.linear().determinant() > 0))
+    throw std::invalid_argument("start is no rotation and translation");
+  for (std::size_t i = 0; i < model.vertices.size(); ++i)
+    if (const double z = (start * model.vertices[i]).z(); !(z > 1e-6))
+      throw std::invalid_argument("start puts vertex " + std::to_string(i) +
+                                  " not in front of the camera, but at z = " + std::to_string(z) + " m");
+}
+
+}  // namespace evmarker

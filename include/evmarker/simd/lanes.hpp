@@ -1,0 +1,25 @@
+#pragma once
+// Numbers that are computed together, for loops that the compiler makes vectors of.
+#include <array>
+#include <cstddef>
+
+namespace evmarker {
+
+/// Numbers that are computed together: one vector of 512 bits, two of 256, four of 128.
+inline constexpr std::size_t kLanes = 8;
+
+using Lanes = std::array<double, kLanes>;
+
+/// The sum of the lanes.
+[[gnu::always_inline]] inline double sum(const Lanes& lanes) noexcept {
+  double four[4], two[2];
+  for (std::size_t i = 0; i < 4; ++i) four[i] = lanes[i] + lanes[i + 4];
+  for (std::size_t i = 0; i < 2; ++i) two[i] = four[i] + four[i + 2];
+  return two[0] + two[1];
+}
+
+// Vectors have these as one instruction; of a NaN they make the bound.
+[[gnu::always_inline]] inline double larger(double x, double bound) noexcept { return x > bound ? x : bound; }
+[[gnu::always_inline]] inline double smaller(double x, double bound) noexcept { return x < bound ? x : bound; }
+
+}  // namespace evmarker

@@ -1,0 +1,80 @@
+#pragma once
+// Loops in the widest vectors that the processor has, in programs compiled for any.
+#include <cstddef>
+#include <type_traits>
+
+namespace evmarker {
+
+namespace detail {
+
+template <std::size_t kBits>
+using Bits = std::integral_constant<std::size_t, kBits>;
+
+}  // namespace detail
+
+// Known of GCC alone; others make vectors of what they are told to compile for.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+
+namespace detail {
+
+template <typename Loops>
+[[gnu::noinline, gnu::target("avx512f,avx512dq,avx512vl,fma,prefer-vector-width=512")]] void in_512_bits(
+    const Loops& loops) noexcept {
+  loops();
+}
+
+template <typename Loops>
+[[gnu::noinline, gnu::target("avx2,fma")]] void in_256_bits(const Loops& loops) noexcept {
+  loops();
+}
+
+inline int widest_vectors() noexcept {
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+    return 512;
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? 256 : 128;
+}
+
+inline const int kVectorBits = widest_vectors();
+
+}  // namespace detail
+
+/// Runs a function whose loops are simple enough for the compiler to make vectors of, compiled for what the processor
+/// turns out to have. It must be marked `always_inline`, and so must be what it calls.
+template <typename Loops>
+[[gnu::always_inline]] inline void in_wide_vectors(const Loops& loops) noexcept {
+  if (detail::kVectorBits == 512)
+    detail::in_512_bits(loops);
+  else if (detail::kVectorBits == 256)
+    detail::in_256_bits(loops);
+  else
+    loops();
+}
+
+/// The same for `work(bits)` that has numbers in a `Pack` of so many bits: vectors wider than what a function is
+/// compiled for would be taken apart in memory.
+template <typename Work>
+[[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
+  if (detail::kVectorBits == 512)
+    detail::in_512_bits([&]() __attribute__((always_inline)) { work(detail::Bits<256>()); });
+  else if (detail::kVectorBits == 256)
+    detail::in_256_bits([&]() __attribute__((always_inline)) { work(detail::Bits<256>()); });
+  else
+    work(detail::Bits<128>());
+}
+
+#else
+
+template <typename Loops>
+void in_wide_vectors(const Loops& loops) noexcept {
+  loops();
+}
+
+template <typename Work>
+void in_packs(const Work& work) noexcept {
+  work(detail::Bits<128>());
+}
+
+#endif
+
+}  // namespace evmarker

@@ -1,0 +1,166 @@
+#pragma once
+// Known motions of a marker in front of the camera.
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/simulation/random.hpp"
+
+namespace evmarker {
+
+/// T_camera_marker [m] at a time [s].
+using Trajectory = std::function<Eigen::Isometry3d(double seconds)>;
+
+/// Pose of a marker that faces the camera upright, turned by a rotation vector.
+/// @param position of the marker's centre [m, camera frame]
+/// @param rotation about the marker's centre [rad, camera frame]
+inline Eigen::Isometry3d facing_pose(const Eigen::Vector3d& position,
+                                     const Eigen::Vector3d& rotation = Eigen::Vector3d::Zero()) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  // The camera's y is down and its z forward, the marker's y is up and its z towards the camera.
+  T.linear() = so3_exp(rotation) * Eigen::Vector3d(1, -1, -1).asDiagonal();
+  T.translation() = position;
+  return T;
+}
+
+namespace trajectory {
+
+namespace detail {
+
+inline void require(bool good, const char* field, double value) {
+  if (!good) throw std::invalid_argument(std::string("trajectory: ") + field + " is " + std::to_string(value));
+}
+
+inline void require_finite(const Eigen::Isometry3d& T) {
+  require(T.matrix().allFinite(), "an element of the pose", std::nan(""));
+}
+
+}  // namespace detail
+
+/// A marker at rest.
+inline Trajectory still(const Eigen::Isometry3d& T_camera_marker) {
+  detail::require_finite(T_camera_marker);
+  return [T_camera_marker](double) { return T_camera_marker; };
+}
+
+/// Constant velocity [m/s] of the marker's centre and constant turn rate [rad/s] about it, both in the camera frame.
+inline Trajectory linear(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& velocity_m_per_s,
+                         const Eigen::Vector3d& turn_rate_rad_per_s = Eigen::Vector3d::Zero()) {
+  detail::require_finite(T_start);
+  detail::require(velocity_m_per_s.allFinite(), "velocity_m_per_s", velocity_m_per_s.sum());
+  detail::require(turn_rate_rad_per_s.allFinite(), "turn_rate_rad_per_s", turn_rate_rad_per_s.sum());
+  return [=](double seconds) {
+    Eigen::Isometry3d T = T_start;
+    T.translation() += velocity_m_per_s * seconds;
+    T.linear() = so3_exp(turn_rate_rad_per_s * seconds) * T_start.linear();
+    return T;
+  };
+}
+
+/// Turns the marker about its centre, round an axis in the camera frame.
+inline Trajectory spin(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& axis, double rad_per_s) {
+  detail::require(axis.allFinite() && axis.norm() > 0, "length of the axis", axis.norm());
+  return linear(T_start, Eigen::Vector3d::Zero(), axis.normalized() * rad_per_s);
+}
+
+/// The sway of a hand that holds the marker (or the camera).
+struct Handheld {
+  Eigen::Isometry3d T_center = facing_pose({0, 0, 0.6});
+  Eigen::Vector3d amplitude_m{0.05, 0.04, 0.05};    ///< largest excursion of the centre, per camera axis
+  Eigen::Vector3d amplitude_rad{0.25, 0.25, 0.35};  ///< largest turn about each camera axis
+  double frequency_hz = 1.0;                        ///< of the slowest of the three sines on each axis
+  std::uint64_t seed = 1;                           ///< of the phases
+};
+
+/// Hand-held sway: on each axis three sines whose frequencies have no common period.
+inline Trajectory handheld(const Handheld& sway = {}) {
+  detail::require_finite(sway.T_center);
+  detail::require(sway.amplitude_m.allFinite(), "amplitude_m", sway.amplitude_m.sum());
+  detail::require(sway.amplitude_rad.allFinite(), "amplitude_rad", sway.amplitude_rad.sum());
+  detail::require(std::isfinite(sway.frequency_hz) && sway.frequency_hz >= 0, "frequency_hz", sway.frequency_hz);
+
+  struct Sine {
+    double weight, rad_per_s, phase;
+  };
+  constexpr std::array<double, 3> kRatios{1.0, std::numbers::phi, std::numbers::phi * std::numbers::sqrt2};
+  constexpr std::array<double, 3> kWeights{0.6, 0.28, 0.12};
+  Random random(sway.seed);
+  std::array<std::array<Sine, 3>, 6> axes{};
+  for (auto& axis : axes)
+    for (std::size_t i = 0; i < axis.size(); ++i) {
+      const double detune = random.uniform(0.93, 1.07);  // else all axes would repeat the same curve
+      axis[i] = {kWeights[i], 2 * std::numbers::pi * sway.frequency_hz * kRatios[i] * detune,
+                 random.uniform(0, 2 * std::numbers::pi)};
+    }
+  return [sway, axes](double seconds) {
+    Eigen::Matrix<double, 6, 1> wave = Eigen::Matrix<double, 6, 1>::Zero();
+    for (std::size_t axis = 0; axis < axes.size(); ++axis)
+      for (const Sine& sine : axes[axis])
+        wave(static_cast<Eigen::Index>(axis)) += sine.weight * std::sin(sine.rad_per_s * seconds + sine.phase);
+    Eigen::Isometry3d T = sway.T_center;
+    T.translation() += sway.amplitude_m.cwiseProduct(wave.head<3>());
+    T.linear() = so3_exp(sway.amplitude_rad.cwiseProduct(wave.tail<3>())) * sway.T_center.linear();
+    return T;
+  };
+}
+
+namespace detail {
+
+/// From 0 to 1 with velocity and acceleration 0 at both ends, at most 1.875 times as fast as evenly.
+inline double ease(double u) { return u * u * u * (10 + u * (6 * u - 15)); }
+
+}  // namespace detail
+
+/// A stretch of a motion and the rest after it.
+struct MoveAndRest {
+  double move_s, rest_s;
+};
+
+/// Lets another motion run for the first `move_s`, rest for the first `rest_s`, and so through the list and from its
+/// begin again. Starts and stops smoothly: velocity and acceleration are continuous; in the middle of a move the motion
+/// runs 1.875 times as fast as by itself.
+inline Trajectory stop_and_go(Trajectory base, std::vector<MoveAndRest> legs) {
+  detail::require(static_cast<bool>(base), "presence of the base motion", 0);
+  detail::require(!legs.empty(), "number of moves", 0);
+  MoveAndRest round{0, 0};  // all of them together
+  for (const MoveAndRest& leg : legs) {
+    detail::require(std::isfinite(leg.move_s) && leg.move_s > 0, "move_s", leg.move_s);
+    detail::require(std::isfinite(leg.rest_s) && leg.rest_s >= 0, "rest_s", leg.rest_s);
+    round.move_s += leg.move_s;
+    round.rest_s += leg.rest_s;
+  }
+  return [base = std::move(base), legs = std::move(legs), round](double seconds) {
+    const double rounds = std::floor(seconds / (round.move_s + round.rest_s));
+    double rest = seconds - rounds * (round.move_s + round.rest_s), moved = rounds * round.move_s;
+    for (const MoveAndRest& leg : legs) {
+      moved += leg.move_s * detail::ease(std::fmin(rest / leg.move_s, 1.0));
+      rest -= leg.move_s + leg.rest_s;
+      if (rest <= 0) break;
+    }
+    return base(moved);
+  };
+}
+
+/// The same with moves and rests of one length each.
+inline Trajectory stop_and_go(Trajectory base, double move_s, double rest_s) {
+  detail::require(static_cast<bool>(base), "presence of the base motion", 0);
+  detail::require(std::isfinite(move_s) && move_s > 0, "move_s", move_s);
+  detail::require(std::isfinite(rest_s) && rest_s >= 0, "rest_s", rest_s);
+  return [base = std::move(base), move_s, rest_s](double seconds) {
+    const double cycles = std::floor(seconds / (move_s + rest_s));
+    const double u = std::fmin((seconds - cycles * (move_s + rest_s)) / move_s, 1.0);
+    return base(move_s * (cycles + detail::ease(u)));
+  };
+}
+
+}  // namespace trajectory
+}  // namespace evmarker

@@ -1,0 +1,33 @@
+#pragma once
+// Poses of several markers in order of time.
+#include <algorithm>
+#include <concepts>
+#include <cstddef>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "evmarker/model/pose.hpp"
+
+namespace evmarker {
+
+/// Hands poses over in order of time. Does not allocate for up to as many as it was made for.
+class ByTime {
+ public:
+  explicit ByTime(std::size_t poses) { order_.reserve(poses); }
+
+  /// Calls `use(pose)` with each and clears them; those of the same time in the order in which they stand.
+  template <std::invocable<const PoseEstimate&> Use>
+  void hand_over(std::vector<PoseEstimate>& poses, const Use& use) {
+    order_.resize(poses.size());
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    std::ranges::sort(order_, {}, [&](std::size_t i) { return std::pair(poses[i].t, i); });
+    for (const std::size_t i : order_) use(poses[i]);
+    poses.clear();
+  }
+
+ private:
+  std::vector<std::size_t> order_;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,400 @@
+#pragma once
+// One marker, from a known pose on: follow it, verify it, say when it is lost.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <chrono>
+#include <concepts>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <ranges>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "evmarker/events/time_guard.hpp"
+#include "evmarker/model/pose.hpp"
+#include "evmarker/model/undistortion_table.hpp"
+#include "evmarker/search/start_pose_search.hpp"
+#include "evmarker/tracking/edge_follower.hpp"
+#include "evmarker/tracking/track_health.hpp"
+#include "evmarker/tracking/verification.hpp"
+#include "evmarker/update/kalman_update.hpp"
+
+namespace evmarker {
+
+template <PoseUpdateRule Rule = KalmanUpdate>
+struct MarkerTrackerSettings {
+  int events_per_update = kAutomatic;   ///< the paper's n, matched events; automatic: see EdgeFollower
+  SegmentMatcherSettings matching{};    ///< the paper's segment matching
+  typename Rule::Settings update{};     ///< gains of the update rule
+  VerificationSettings verification{};  ///< the paper's backtracking
+  TrackHealthSettings health{};         ///< what loses a marker
+  bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
+  double polarity_check_px_s = 50;      ///< slower edges are not checked [px/s along the normal]
+  int converging_events = 0;            ///< matched at least before the pose is `tracking`; the evidence may want more
+  /// The marker is first searched around its start pose; without it, tracked from there.
+  std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
+};
+
+/// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
+template <PoseUpdateRule Rule = KalmanUpdate>
+class MarkerTracker {
+ public:
+  using Settings = MarkerTrackerSettings<Rule>;
+  /// Events may be missing for so long without harm: edges at 2000 px/s move by the matching distance.
+  static constexpr std::chrono::milliseconds kBriefly{1};
+
+  /// @param camera anything that an UndistortionTable can be made of, or a table to share
+  /// @param T_camera_marker first pose [m]
+  /// @throws std::invalid_argument naming the setting, the model's fault, or a pose behind the camera
+  template <typename Camera>
+  MarkerTracker(const Camera& camera, MarkerModel model, const Eigen::Isometry3d& T_camera_marker,
+                const Settings& settings = {}, MarkerId id = 0)
+      : settings_(settings),
+        lines_(camera),
+        follower_(std::move(model), lines_.focal_length(), T_camera_marker,
+                  {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
+                   settings.polarity_check_px_s}),
+        verification_(follower_, settings.verification),
+        health_(follower_.matcher().model(), lines_.focal_length(), settings.health),
+        centre_(centre(follower_.matcher().model())) {
+    if (settings.converging_events < 0)
+      throw std::invalid_argument("converging_events is " + std::to_string(settings.converging_events));
+    pose_.id = id;
+    if (settings.start_search) {
+      const Eigen::AlignedBox2d image(lines_.focal_length() * lines_.low(), lines_.focal_length() * lines_.high());
+      start_search_.emplace(this->model(), lines_.focal_length(), image, T_camera_marker, *settings.start_search);
+      starting_ = true;
+    }
+  }
+
+  /// Takes one event. A pose every `events_per_update` matched ones, valid until the next push, and one last pose with
+  /// state `lost` when the marker is lost; after that, nothing (null). An event with a time that may be wrong waits for
+  /// the next one, see TimeGuard; where both lead to a pose, the later one is returned.
+  template <EventLike E>
+  [[gnu::flatten]] const PoseEstimate* push(const E& foreign_event) noexcept {
+    const Event event = to_event(foreign_event);
+    if (!guard_.passes(event.t)) [[unlikely]]
+      return push_carefully(Event(event));
+    guard_.passed(event.t);
+    return push_in_time(event);
+  }
+
+  /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
+  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    std::span<const std::ranges::range_value_t<Events>> events(all);
+    const auto t = [&](std::size_t i) { return EventTraits<std::ranges::range_value_t<Events>>::t(events[i]); };
+    while (!events.empty()) {
+      std::size_t count = 0;  // of those that need not wait
+      const std::size_t most = std::min(events.size(), kTogether);
+      if (guard_.passes(t(0)))
+        for (count = 1; count < most && TimeGuard::near(t(count - 1), t(count));) ++count;
+      if (count > 0) {
+        push_in_time(events.first(count), use);
+        guard_.passed(t(count - 1));
+      } else if (const PoseEstimate* const pose = push(events.front())) {
+        use(*pose);
+      }
+      events = events.subspan(std::max<std::size_t>(count, 1));
+    }
+  }
+
+  /// Events that were discarded because the events before and after contradict their times.
+  std::uint64_t time_faults() const noexcept { return guard_.faults(); }
+
+  /// Takes one event whose time need not be judged: as `push` otherwise.
+  template <EventLike E>
+  [[gnu::always_inline]] const PoseEstimate* push_in_time(const E& foreign_event) noexcept {
+    const Event event = to_event(foreign_event);
+    if (state_ == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
+    const Eigen::Vector2d m = lines_(event);
+    if (starting_) [[unlikely]]
+      return start(Event(event), m);                                  // a copy: `event` itself stays in registers
+    return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
+  }
+
+  /// The same, not inlined: for where speed matters less than the code's size.
+  template <EventLike E>
+  [[gnu::flatten, gnu::noinline]] const PoseEstimate* push_one_in_time(const E& event) noexcept {
+    return push_in_time(event);
+  }
+
+  /// Takes many events whose times need not be judged: as `push` otherwise.
+  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push_in_time(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    std::span<const std::ranges::range_value_t<Events>> events(all);
+    while (!events.empty() && state_ != TrackingState::lost) {
+      if (starting_ || !follower_.in_groups()) {
+        if (const PoseEstimate* const pose = push_one_in_time(events.front())) use(*pose);
+        events = events.subspan(1);
+        continue;
+      }
+      EventGroup group;
+      group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
+        const Event event = to_event(events[i]);
+        const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
+        return std::tuple(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t, polarity(event));
+      });
+      const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
+        if (const PoseEstimate* const pose = note(to_event(events[i]), result)) use(*pose);
+        return state_ != TrackingState::lost;
+      };
+      std::size_t taken = 0;
+      while (taken < group.count() && follower_.in_groups() && state_ != TrackingState::lost)
+        taken = follower_.push(group, taken, after);
+      events = events.subspan(taken);
+    }
+  }
+
+  /// The events of a time are missing, dropped by a queue or a camera. A rule that knows the marker's motion bridges it
+  /// as long as it knows the edges to within the matching distance, any other one for a millisecond.
+  /// @return null, or the last pose if the marker is lost
+  const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
+    if (state_ == TrackingState::lost || missing <= kBriefly) return nullptr;
+    if (searching()) {
+      start_search_->forget();
+      return nullptr;
+    }
+    if constexpr (MotionEstimatingRule<Rule>) {
+      const Timestamp t = t_ + missing.count();
+      if (!starting_ && knows_edges(pose_at(t))) {
+        follower_.extrapolate(t);
+        verification_.start_window(follower_);
+        t_ = t;
+        return nullptr;
+      }
+    }
+    return &lose(LossReason::events_missing);
+  }
+
+  /// The present estimate: of the last update, or the start.
+  PoseEstimate estimate() const noexcept {
+    PoseEstimate pose = pose_;
+    return describe(pose);
+  }
+
+  /// The same, valid until the next push.
+  const PoseEstimate& tell() noexcept { return describe(pose_); }
+
+  /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its covariance grows
+  /// with its age; hardly until `heard`, before which all events have been pushed: a marker that moves makes some.
+  PoseEstimate pose_at(Timestamp t, Timestamp heard = kNothingHeard) const noexcept {
+    return extrapolated(estimate(), follower_.rule(), t, heard);
+  }
+
+  /// Declares the marker lost, for a reason that only the caller knows; the last pose.
+  [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
+    state_ = TrackingState::lost;
+    pose_.quality.loss_reason = reason;
+    return tell();
+  }
+
+  /// While the caller knows of another pose that may be the right one, this one stays `converging`.
+  void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
+  /// See EdgeFollower::misfit_px2.
+  double misfit_px2(const Event& event) const noexcept {
+    return lines_.sensor_size().contains(event.x, event.y) ? follower_.misfit_px2(lines_(event), polarity(event)) : 0;
+  }
+
+  /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
+  /// @param around the least width of what it contains around a code marker [cells]
+  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
+    return starting_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
+  }
+
+  /// True while it tracks and no evidence speaks against that.
+  bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
+
+  /// True if no sequence of so many events can change the pose, the state or `reliable()`.
+  bool stays(std::size_t events) const noexcept {
+    if (events == 0 || state_ == TrackingState::lost) return true;
+    return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
+           health_.stays(events);
+  }
+
+  /// Whether the marker is still searched around its start pose: the state is `converging`, there is no pose yet.
+  bool searching() const noexcept { return starting_ && start_search_->searching(); }
+  /// How the search goes, or went; null without one.
+  const StartPoseSearch* start_search() const noexcept { return start_search_ ? &*start_search_ : nullptr; }
+
+  MarkerId id() const noexcept { return pose_.id; }
+  const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
+  /// As poses say it: one that evidence speaks against is no longer `tracking`, though it may be again.
+  TrackingState state() const noexcept {
+    return state_ == TrackingState::tracking && health_.doubtful() ? TrackingState::converging : state_;
+  }
+  const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
+  const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
+
+ private:
+  // One that its time holds back, or that decides about one that was held back.
+  [[gnu::noinline]] const PoseEstimate* push_carefully(const Event& event) noexcept {
+    const PoseEstimate* released = nullptr;
+    if (guard_.releases(event.t)) {
+      guard_.judge(event);
+      released = push_one_in_time(Event(guard_.held()));
+    }
+    if (guard_.judge(event) != TimeGuard::Verdict::pass) return released;
+    const PoseEstimate* const pose = push_one_in_time(event);
+    return pose != nullptr ? pose : released;
+  }
+
+  // What an event does to the follower, and to what is known of its quality.
+  [[gnu::always_inline]] const PoseEstimate* note(const Event& event,
+                                                  const typename EdgeFollower<Rule>::Result& result) noexcept {
+    const auto [match, updated, segment] = result;
+    if (match == MatchResult::far) return nullptr;
+    t_ = event.t;
+    health_.add(match, segment);
+    if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_)) [[unlikely]]
+      note(*error);
+    if (updated) count_update();
+    if (settled_ && health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near))
+      health_.judge_matches(t_);
+    if (health_.lost() || failed_ != LossReason::none) [[unlikely]]
+      return &lose(failed_ != LossReason::none ? failed_ : health_.reason());
+    if (!updated) return nullptr;
+    if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
+    if (health_.edges_due()) judge_edges();
+    return &tell();
+  }
+
+  void count_update() noexcept {
+    matched_ += follower_.last_update().matched;
+    pose_.quality.updated_t = t_;
+    if (state_ == TrackingState::converging) converge();
+  }
+
+  // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
+  // matching distance, what follows is evidence, and a way back over it decides.
+  [[gnu::noinline]] void converge() noexcept {
+    converging_since_ = std::min(converging_since_, t_);
+    if (!settled_ && settles()) {
+      settled_ = true;
+      health_.restart(t_);
+      verification_.start_window(follower_, VerificationWindow::brief);
+    }
+    if (elapsed_us(converging_since_, t_) > kLongestConverging_us) failed_ = LossReason::not_confirmed;
+    if (ambiguous_ || !verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
+    state_ = TrackingState::tracking;
+    follower_.let_rest();
+  }
+
+  // A start that was searched fits the events already; any other one may be some pixels off.
+  bool settles() const noexcept {
+    const int fitting = follower_.edge_events();
+    if constexpr (MotionEstimatingRule<Rule>)
+      return (matched_ >= fitting || start_search_) && (matched_ >= 4 * fitting || knows_edges(estimate()));
+    else
+      return matched_ >= fitting || start_search_;
+  }
+
+  // While the pose converges, it moves by more than the edges do.
+  [[gnu::noinline]] void judge_edges() noexcept {
+    if (!settled_) return health_.restart_edges();
+    health_.judge_edges(model(), T_camera_marker());
+    if (state_ == TrackingState::tracking && health_.events_per_px2() > 0)
+      follower_.expect_events_per_px2(health_.events_per_px2());
+  }
+
+  // In place: at a pose for every event, making and copying one would cost as much as the matching.
+  PoseEstimate& describe(PoseEstimate& pose) const noexcept {
+    const Rule& rule = follower_.rule();
+    pose.t = t_;
+    pose.T_camera_marker = follower_.T_camera_marker();
+    if constexpr (MotionEstimatingRule<Rule>) {
+      pose.covariance = rule.covariance();
+      pose.twist = rule.twist();
+    }
+    if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
+    if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
+    pose.quality.state = state();
+    pose.quality.matched = follower_.last_update().matched;
+    pose.quality.offered = follower_.last_update().offered;
+    pose.quality.residual_px = follower_.last_update().residual_px;
+    pose.quality.health = health_.probability();
+    return pose;
+  }
+
+  // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
+  [[gnu::noinline]] const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
+    constexpr int kReplayed = 8;
+    if (searching()) {
+      if (!start_search_->push(event, lines_.focal_length() * m)) return nullptr;
+      if (start_search_->state() == StartPoseSearch::State::given_up) return &lose(LossReason::not_confirmed);
+      follower_.start_from(start_search_->T_found());
+      verification_.start_window(follower_);
+      return nullptr;
+    }
+    start_search_->keep(event);
+    const PoseEstimate* pose = nullptr;
+    for (int i = 0; i < kReplayed && starting_ && state_ != TrackingState::lost; ++i) {
+      const Event past = start_search_->replay();
+      if (const auto* next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
+      starting_ = start_search_->replaying();
+    }
+    return pose;
+  }
+
+  // What a way back says. While the tracker converges, a start that was off fails it without being wrong. Later, one
+  // failure may be chance and has the next window begin at once; two in a row are no chance.
+  [[gnu::noinline]] void note(const BacktrackError& error) noexcept {
+    pose_.quality.backtrack_px = error.translation_px;
+    pose_.quality.backtrack_rad = error.rotation_rad;
+    pose_.quality.backtrack_angle_rad = error.angle_rad;
+    pose_.quality.backtrack_t = t_;
+    const bool passed = verification_.passes(error);
+    verified_ |= passed && settled_;
+    if (settled_) health_.judge_verification(passed);
+    if (passed || state_ != TrackingState::tracking) return void(suspected_ = false);
+    if (std::exchange(suspected_, true)) failed_ = LossReason::verification;
+    verification_.start_window(follower_);
+  }
+
+  // With less than half of the marker left in the image, no more events will come to tell where it went.
+  bool out_of_image() const noexcept {
+    const Eigen::Vector3d centre = follower_.T_camera_marker() * centre_;
+    const Eigen::Vector2d low = centre.z() * lines_.low(), high = centre.z() * lines_.high();
+    return centre.x() < low.x() || centre.y() < low.y() || centre.x() > high.x() || centre.y() > high.y();
+  }
+
+  // Whether every point of the model is known in the image to within the matching distance: root of the sum of both
+  // variances.
+  bool knows_edges(const PoseEstimate& pose) const noexcept {
+    const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
+    return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
+             return image_covariance(pose, vertex, lines_.focal_length()).trace() < limit2;
+           });
+  }
+
+  static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // whose times are judged while they are at hand
+  static constexpr std::uint64_t kLongestConverging_us = 2000000;
+
+  Settings settings_;
+  UndistortionTable lines_;
+  TimeGuard guard_;
+  EdgeFollower<Rule> follower_;
+  Verification<Rule> verification_;
+  TrackHealth health_;
+  std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
+  Eigen::Vector3d centre_;                       // of the model's bounding box, marker frame [m]
+  PoseEstimate pose_;                            // the last one that was told, but what verification found is as of now
+  TrackingState state_ = TrackingState::converging;
+  bool starting_ = false;  // searching, or replaying the events since then
+  Timestamp t_ = 0;
+  std::int64_t matched_ = 0;
+  bool ambiguous_ = false;                // another pose may be the right one
+  bool settled_ = false;                  // the start has been refined: what follows is evidence
+  bool verified_ = false;                 // a way back has led to where it should
+  bool suspected_ = false;                // the last way back did not
+  LossReason failed_ = LossReason::none;  // beyond any odds
+  Timestamp converging_since_ = std::numeric_limits<Timestamp>::max();
+};
+
+}  // namespace evmarker

@@ -1,0 +1,99 @@
+#pragma once
+// Which of many markers an event may belong to, without asking each.
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/model/undistortion_table.hpp"
+
+namespace evmarker {
+
+/// The image in tiles, each of which knows the markers whose events may fall into it. Markers are counted from 0. After
+/// `resize` nothing throws or allocates.
+class TileMap {
+ public:
+  explicit TileMap(const UndistortionTable& lines)
+      : columns_(tiles(lines.sensor_size().width)), margin_(kMargin_px / lines.focal_length()) {
+    const SensorSize size = lines.sensor_size();
+    const auto rows = tiles(size.height);
+    rows_.resize(rows);
+    tiles_.resize(rows * columns_);
+    markers_.resize(rows * columns_);
+    Event event;
+    for (int y = 0; y < size.height; ++y)
+      for (int x = 0; x < size.width; ++x) {
+        event.x = static_cast<std::uint16_t>(x);
+        event.y = static_cast<std::uint16_t>(y);
+        const Eigen::Vector2d m = lines(event);
+        if (!m.allFinite()) continue;  // belongs to nothing
+        tiles_[tile(event)].extend(m);
+        rows_[event.y / kTile_px].extend(m);
+      }
+  }
+
+  /// Forgets all markers; from now on there are so many, nowhere yet.
+  void resize(std::size_t markers) {
+    areas_.assign(markers, Eigen::AlignedBox2d());
+    markers_.assign(markers_.size(), 0);
+  }
+
+  /// Where a marker may have events from now on, as (X/Z, Y/Z) of their lines of sight.
+  void move(std::size_t marker, const Eigen::AlignedBox2d& reach) noexcept {
+    if (areas_[marker].contains(reach)) return;
+    // With a margin, so that it need not be entered anew at every step.
+    const Eigen::Vector2d margin = Eigen::Vector2d::Constant(margin_);
+    const Eigen::AlignedBox2d before = areas_[marker], now(reach.min() - margin, reach.max() + margin);
+    areas_[marker] = now;
+    const std::uint64_t bit = bit_of(marker);
+    for (std::size_t row = 0; row < rows_.size(); ++row) {
+      if (!rows_[row].intersects(before) && !rows_[row].intersects(now)) continue;
+      for (std::size_t i = row * columns_; i < (row + 1) * columns_; ++i)
+        markers_[i] = somebody_reaches(tiles_[i], marker % kBits) ? markers_[i] | bit : markers_[i] & ~bit;
+    }
+  }
+
+  /// Whether an event on the sensor may belong to more than one marker.
+  bool shared(const Event& event, const UndistortionTable& lines) const noexcept {
+    const std::uint64_t bits = markers_[tile(event)];
+    if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
+      return false;
+    const Eigen::Vector2d m = lines(event);
+    int markers = 0;
+    for_each_at(event, [&](std::size_t i) { markers += areas_[i].contains(m); });
+    return markers > 1;
+  }
+
+  /// Calls `use(marker)` for every marker to which an event on the sensor may belong.
+  template <typename Use>
+  void for_each_at(const Event& event, const Use& use) const {
+    for (std::uint64_t bits = markers_[tile(event)]; bits != 0; bits &= bits - 1)
+      for (auto i = static_cast<std::size_t>(std::countr_zero(bits)); i < areas_.size(); i += kBits) use(i);
+  }
+
+ private:
+  static constexpr std::size_t kTile_px = 8, kBits = 64;
+  static constexpr double kMargin_px = 6;
+
+  static std::size_t tiles(int pixels) noexcept { return (static_cast<std::size_t>(pixels) + kTile_px - 1) / kTile_px; }
+  std::size_t tile(const Event& event) const noexcept { return event.y / kTile_px * columns_ + event.x / kTile_px; }
+  // The 65th marker shares the bit of the first: either is asked where the other may have events.
+  static std::uint64_t bit_of(std::size_t marker) noexcept { return std::uint64_t{1} << (marker % kBits); }
+  bool somebody_reaches(const Eigen::AlignedBox2d& tile, std::size_t first) const noexcept {
+    for (std::size_t i = first; i < areas_.size(); i += kBits)
+      if (tile.intersects(areas_[i])) return true;
+    return false;
+  }
+
+  std::size_t columns_;
+  double margin_;                           // [tangent]
+  std::vector<Eigen::AlignedBox2d> tiles_;  // lines of sight of their pixels
+  std::vector<Eigen::AlignedBox2d> rows_;   // the same of whole rows of tiles
+  std::vector<std::uint64_t> markers_;      // of every tile, a bit each
+  std::vector<Eigen::AlignedBox2d> areas_;  // of every marker
+};
+
+}  // namespace evmarker

@@ -1,0 +1,151 @@
+#pragma once
+// Whether a marker is followed: evidence for and against it, one probability, and the reason when it is lost.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+
+#include "evmarker/matching/segment_matcher.hpp"
+#include "evmarker/model/pose.hpp"
+#include "evmarker/tracking/edge_activity.hpp"
+
+namespace evmarker {
+
+struct TrackHealthSettings {
+  /// A marker that is followed is given up by mistake at most once in so many independent pieces of evidence, inverted:
+  /// pixels that an edge passes, verifications.
+  double false_alarm_rate = 1e-6;
+};
+
+/// How likely it is that a marker is where its tracker says, and why not if not: whether events near it lie on its
+/// edges, whether every edge makes the events that it used to make, and what verification says. For each of these,
+/// log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence it takes
+/// evidence that comes up by chance once in 1 / false_alarm_rate to lose the marker. They are not added to each other:
+/// a marker of which half is hidden is matched well.
+class TrackHealth {
+ public:
+  /// @throws std::invalid_argument naming the setting that is out of range
+  TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings)
+      : bound_(-std::log(settings.false_alarm_rate) / 2), activity_(model, focal_length) {
+    if (!(settings.false_alarm_rate > 0 && settings.false_alarm_rate < 0.1))
+      throw std::invalid_argument("track health: false_alarm_rate is " + std::to_string(settings.false_alarm_rate));
+    restart(0);
+  }
+
+  /// Counts an event on or near the wireframe.
+  [[gnu::always_inline]] void add(MatchResult match, int segment) noexcept {
+    if (match == MatchResult::matched) {
+      ++matched_;
+      activity_.add(segment);
+    } else if (match == MatchResult::near) {
+      ++near_;
+    }
+  }
+
+  /// True once there are events enough to be judged.
+  bool due() const noexcept { return matched_ + near_ >= kTogether; }
+  /// True if so many more events do not suffice for that.
+  bool stays(std::size_t events) const noexcept {
+    return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kTogether);
+  }
+
+  /// Judges the events since the last call by how many of them lie on an edge. Near an edge that is not there they lie
+  /// anywhere. The usual background, by time, says nothing, neither beside the edges nor with what of it lies on them:
+  /// at rest there is no other.
+  [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
+    const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
+    const double usual = near_per_us_ * dt_us, near = std::max(0.0, near_ - 2 * usual - 2 * std::sqrt(usual));
+    constexpr double kMatchedToNear = kAnywhere / (1 - kAnywhere);  // by chance
+    const double by_chance = kMatchedToNear * (near_ - near), deviation = std::sqrt((1 + kMatchedToNear) * by_chance);
+    const double matched = std::max(0.0, matched_ - by_chance - 3 * deviation);
+    const double expected = (usual_share_ + kAnywhere) / 2;  // half of what is usual would do
+    // The events of one pixel in one passage come together and are one piece of evidence.
+    const double independent = 1 / std::clamp(activity_.events_per_px2(), 1.0, 10.0);
+    judge(independent * (matched * std::log(kAnywhere / expected) + near * std::log((1 - kAnywhere) / (1 - expected))),
+          LossReason::inconsistent);
+    const double share = matched_ / static_cast<double>(matched_ + near_);
+    const double fresh = sure() ? (matched_ + near_) / kMemory : 0, passed = dt_us / (dt_us + kMemory_us);
+    usual_share_ = std::clamp(usual_share_ + std::min(fresh, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
+    near_per_us_ += passed * (near_ / std::max(dt_us, 1.0) - near_per_us_);
+    t_us_ = static_cast<double>(t);
+    forget_matches();
+  }
+
+  /// True once the edges have made events enough to be judged.
+  bool edges_due() const noexcept { return activity_.due(); }
+  /// Judges each edge's events since the last call, if the wireframe has moved.
+  void judge_edges(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker) noexcept {
+    const auto evidence = activity_.log_likelihood_of_loss(model, T_camera_marker);
+    if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
+  }
+  /// The pose has been moved without events.
+  void restart_edges() noexcept { activity_.restart(); }
+
+  /// A way back that led to where it should, or did not.
+  void judge_verification(bool passed) noexcept { judge(passed ? -kReturns : kReturns, LossReason::verification); }
+
+  /// Starts from even odds again: a start pose may be wrong, and then its events lie anywhere and it does not come
+  /// back.
+  void restart(Timestamp t) noexcept {
+    log_odds_.fill(bound_);
+    log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
+    log_odds_[static_cast<std::size_t>(LossReason::verification)] = 0;
+    summarise();
+    t_us_ = static_cast<double>(t);
+    forget_matches();
+    activity_.restart();
+  }
+
+  bool lost() const noexcept { return lost_; }
+  /// True while nothing speaks against it, and the events speak for it.
+  bool sure() const noexcept { return least() >= 0 && odds(LossReason::inconsistent) > bound_ / 2; }
+  /// True while more speaks against it than for it.
+  bool doubtful() const noexcept { return probability_ < 0.5; }
+  /// That the marker is followed.
+  double probability() const noexcept { return probability_; }
+  /// What speaks most against it.
+  LossReason reason() const noexcept {
+    return static_cast<LossReason>(std::min_element(log_odds_.begin() + 1, log_odds_.end()) - log_odds_.begin());
+  }
+  /// Events that a pixel makes while an edge passes over it; 0 before it is known.
+  double events_per_px2() const noexcept { return activity_.events_per_px2(); }
+
+ private:
+  static constexpr int kTogether = 64;
+  static constexpr double kReturns = 3;         // logarithm of the odds: a wrong pose comes back one time in twenty
+  static constexpr double kAnywhere = 1.0 / 3;  // of events anywhere near an edge, to three times the distance, match
+  static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
+  static constexpr double kMemory = 50000;  // [events]
+  static constexpr double kMemory_us = 500000;
+
+  double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
+  double odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
+
+  void judge(double log_likelihood_of_loss, LossReason reason) noexcept {
+    double& odds = log_odds_[static_cast<std::size_t>(reason)];
+    odds = std::min(odds - log_likelihood_of_loss, bound_);
+    summarise();
+  }
+
+  // Here and not where it is asked for, which is with every event.
+  void summarise() noexcept {
+    lost_ = least() <= -bound_;
+    probability_ = 1 / (1 + std::exp(-least()));
+  }
+
+  void forget_matches() noexcept { matched_ = near_ = 0; }
+
+  double bound_;                      // of the logarithm of the odds, to both sides
+  std::array<double, 8> log_odds_{};  // that it is not lost for this reason, by LossReason
+  bool lost_ = false;
+  double probability_ = 0.5;
+  EdgeActivity activity_;
+  int matched_ = 0, near_ = 0;  // events since the last judgement
+  double t_us_ = 0;             // of that
+  double usual_share_ = 0.9;    // of the events near edges that lie on them
+  double near_per_us_ = 0;      // usual rate of the others
+};
+
+}  // namespace evmarker

@@ -1,0 +1,238 @@
+#pragma once
+// Forward/backward verification: does the tracker come back to where it was? Eqs. (13) and (14).
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/events/event_history.hpp"
+#include "evmarker/model/undistortion_table.hpp"
+#include "evmarker/tracking/edge_follower.hpp"
+
+namespace evmarker {
+
+struct VerificationSettings {
+  int updates = 100;              ///< k: forward updates before the way back
+  int every = 2;                  ///< the first of so many windows of k updates; 1: all, for twice the cost
+  double max_translation_px = 5;  ///< epsilon_T
+  /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`,
+  /// summed over three axes.
+  double max_rotation_rad = kAutomatic;
+  std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
+  std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
+};
+
+/// How long the way forward is that is gone back. Brief: only until there are so many events that a way back says
+/// anything, for a tracker that has not been verified yet.
+enum class VerificationWindow { full, brief };
+
+/// How far the backtracked pose is from the pose that the forward tracker had at the same time.
+struct BacktrackError {
+  double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
+  double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
+  double angle_rad = 0;       ///< the geodesic angle between the two rotations
+  /// Sums of the standard deviations that the rule itself states of both poses; zero where it states none.
+  double expected_px = 0;
+  double expected_rad = 0;
+};
+
+/// Eqs. (13), (14) between a forward and a backtracked pose of the same time. The paper compares poses of different
+/// times; the angle differences are wrapped, which it does not say.
+inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Eigen::Isometry3d& backward,
+                                      double focal_length) noexcept {
+  const auto centre = [&](const Eigen::Isometry3d& T) -> Eigen::Vector2d {
+    return focal_length / T.translation().z() * T.translation().head<2>();
+  };
+  const Eigen::Vector3d difference = roll_pitch_yaw(forward.linear()) - roll_pitch_yaw(backward.linear());
+  return {(centre(forward) - centre(backward)).lpNorm<1>(), difference.unaryExpr(&wrap_angle).lpNorm<1>(),
+          geodesic_angle(forward.linear(), backward.linear())};
+}
+
+/// Keeps the events of `updates` updates and then runs a copy of the tracker back over them: two steps back with every
+/// event that comes, so that no event waits for the whole way.
+template <PoseUpdateRule Rule>
+class Verification {
+ public:
+  /// @throws std::invalid_argument naming the setting that is out of range
+  Verification(const EdgeFollower<Rule>& forward, const VerificationSettings& settings)
+      : settings_(settings),
+        window_(settings.max_events),
+        past_(settings.max_events),
+        backward_(forward),
+        T_start_(forward.T_camera_marker()) {
+    const auto require = [](bool good, const char* name, double value) {
+      if (!good) throw std::invalid_argument(std::string("verification: ") + name + " is " + std::to_string(value));
+    };
+    require(settings.updates >= 1, "updates", settings.updates);
+    require(settings.every >= 1, "every", settings.every);
+    require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
+    require(settings.max_rotation_rad >= 0, "max_rotation_rad", settings.max_rotation_rad);
+    const MarkerModel& model = forward.matcher().model();
+    for (const Eigen::Vector3d& vertex : model.vertices)
+      size_m_ = std::max(size_m_, 2 * (vertex - centre(model)).lpNorm<Eigen::Infinity>());
+  }
+
+  /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
+  /// over a window: the error between the pose at its start and the pose that the way back led to, valid until the next
+  /// push; else null.
+  [[gnu::always_inline]] const BacktrackError* push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
+                                                    const UndistortionTable& lines) noexcept {
+    if (pause_ > 1 && steps_left_ == 0) {
+      --pause_;
+      return nullptr;
+    }
+    return push_in_window(Event(event), updated, forward, lines);  // a copy: `event` itself stays in registers
+  }
+
+  /// Forgets the events so far; the next window starts at the forward tracker's present pose.
+  void start_window(const EdgeFollower<Rule>& forward, VerificationWindow window = VerificationWindow::full) noexcept {
+    brief_ = window == VerificationWindow::brief;
+    brief_events_ = std::min(settings_.min_events, static_cast<std::size_t>(forward.edge_events()));
+    steps_left_ = 0;
+    pause_ = 0;
+    start(forward);
+  }
+
+  /// Whether so many events may bring a way back to its end, without an update of the forward tracker.
+  bool ends_within(std::size_t events) const noexcept {
+    return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
+  }
+
+  /// Whether the error is within the thresholds, or within six times what one has to expect. False for NaN.
+  bool passes(const BacktrackError& error) const noexcept {
+    return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
+           error.rotation_rad <= std::max(max_rotation_rad(), kExpected * error.expected_rad);
+  }
+
+  /// epsilon_R of a marker at the present distance.
+  double max_rotation_rad() const noexcept {
+    if (settings_.max_rotation_rad != kAutomatic) return settings_.max_rotation_rad;
+    const double size_px = backward_.matcher().focal_length() * size_m_ / backward_.T_camera_marker().translation().z();
+    return std::max(kPapersRotation_rad, 3 * settings_.max_translation_px / size_px);
+  }
+
+ private:
+  static constexpr double kPapersRotation_rad = 0.15;
+  static constexpr double kExpected = 6;        // standard deviations
+  static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
+  static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
+
+  [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,
+                                                         const EdgeFollower<Rule>& forward,
+                                                         const UndistortionTable& lines) noexcept {
+    const BacktrackError* error = nullptr;
+    if (steps_left_ > 0 && ++waited_ == kWait) {
+      waited_ = 0;
+      error = step_back(kWait * kStepsBack, lines);
+    }
+    if (pause_ > 0) {
+      if (pause_ > 1) {
+        --pause_;
+      } else if (updated) {  // a window begins at a new pose
+        pause_ = 0;
+        start(forward);
+      }
+      return error;
+    }
+    if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
+    window_.push(event);
+    updates_ += updated;
+    const bool complete = (brief_ ? window_.size() >= brief_events_
+                                  : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
+                          steps_left_ == 0;
+    const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
+    if (!updated || (!complete && !crowded)) return error;
+    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines);
+    turn_back(forward);
+    start(forward);
+    if (brief_) return step_back(steps_left_, lines);  // a tracker waits for it
+    pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
+    return error;
+  }
+
+  void start(const EdgeFollower<Rule>& forward) noexcept {
+    T_start_ = forward.T_camera_marker();
+    expected_start_ = {};
+    expect(forward, expected_start_);
+    window_.clear();
+    updates_ = 0;
+  }
+
+  // The way back begins at the forward tracker's pose, with cleared averages.
+  void turn_back(const EdgeFollower<Rule>& forward) noexcept {
+    std::swap(window_, past_);
+    steps_left_ = past_.size();
+    backward_ = forward;
+    backward_.reverse();
+    T_past_start_ = T_start_;
+    expected_past_start_ = expected_start_;
+  }
+
+  // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
+  // passes.
+  [[gnu::noinline]] const BacktrackError* step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
+    const Timestamp end = past_[past_.size() - 1].t;
+    const auto mirrored = [end](Timestamp t) {
+      return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
+    };
+    for (steps = std::min(steps, steps_left_); steps > 0;) {
+      std::size_t taken = 1;
+      if (backward_.in_groups()) {
+        EventGroup group;
+        group.fill(std::min(steps, EventGroup::kMost), [&](std::size_t i) {
+          const Event& event = past_[steps_left_ - 1 - i];
+          return std::tuple(lines(event), mirrored(event.t), polarity(event));
+        });
+        taken = 0;
+        while (taken < group.count() && backward_.in_groups())
+          taken = backward_.push(group, taken, [](auto...) { return true; });
+      } else {
+        const Event& event = past_[steps_left_ - 1];
+        backward_.push(lines(event), mirrored(event.t), polarity(event));
+      }
+      steps_left_ -= taken;
+      steps -= taken;
+    }
+    if (steps_left_ > 0) return nullptr;
+    brief_ = false;
+    error_ = backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
+    expect(backward_, error_);
+    error_.expected_px = std::hypot(error_.expected_px, expected_past_start_.expected_px);
+    error_.expected_rad = std::hypot(error_.expected_rad, expected_past_start_.expected_rad);
+    return &error_;
+  }
+
+  // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so. And so is where it is
+  // after a rest.
+  static void expect(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
+    if constexpr (MotionEstimatingRule<Rule>) {
+      const Vector6d sigma = follower.rule().covariance().diagonal().cwiseSqrt();
+      const double depth = follower.T_camera_marker().translation().z();
+      error.expected_px = sigma.head<2>().sum() * follower.matcher().focal_length() / depth;
+      error.expected_rad = sigma.tail<3>().sum();
+    }
+  }
+
+  VerificationSettings settings_;
+  EventHistory window_;
+  EventHistory past_;           // the window before, while the way back goes on
+  std::size_t steps_left_ = 0;  // of it
+  int waited_ = 0;              // events since the last steps
+  Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
+  BacktrackError expected_start_, expected_past_start_;
+  BacktrackError error_;         // of the last window that was gone over
+  EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
+  Eigen::Isometry3d T_start_;    // P_n
+  int updates_ = 0;
+  bool brief_ = false;
+  std::size_t brief_events_ = 0;
+  double size_m_ = 0;      // of the model
+  std::size_t pause_ = 0;  // events until the next window begins
+};
+
+}  // namespace evmarker

@@ -1,0 +1,62 @@
+#pragma once
+// The error state of a Kalman filter, its covariance, and what time makes of it.
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+
+#include "evmarker/simd/pack.hpp"
+
+namespace evmarker {
+
+using Vector12d = Eigen::Matrix<double, 12, 1>;
+using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+/// Where events lie beside their edges: how far toward the dark side, and how far they trail.
+inline constexpr std::size_t kBiases = 2;
+
+/// How far a state is from what was expected: x = [pose; its velocity], and the biases b = [edge offset, trail].
+struct ErrorState {
+  Vector12d x = Vector12d::Zero();
+  std::array<double, kBiases> b{};
+};
+
+/// Its covariance. Columns of twelve are whole vectors of any width; columns of fourteen would not be.
+struct ErrorCovariance {
+  alignas(32) Matrix12d xx = Matrix12d::Zero();
+  alignas(32) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
+  std::array<std::array<double, kBiases>, kBiases> bb{};
+
+  /// Lets time pass in which the pose moves by `carried` times the velocity, of which `kept` is left.
+  /// @param of_pose,of_both,of_velocity process noise: on the diagonals of the pose's, both mixed and the velocity's
+  ///     quarter of xx
+  template <std::size_t kBits>
+  [[gnu::always_inline]] void predict(double carried, double kept, const Eigen::Matrix<double, 6, 1>& of_pose,
+                                      const Eigen::Matrix<double, 6, 1>& of_both,
+                                      const Eigen::Matrix<double, 6, 1>& of_velocity) noexcept {
+    using Column = Pack<12, kBits>;
+    // F P F^T with F = [I, carried I; 0, kept I].
+    const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
+      Column column(numbers);
+      const Column velocity = column.second_half();
+      column.scale_second_half(kept);
+      column.add(carried, velocity);
+      return column;
+    };
+#pragma GCC unroll 6
+    for (std::size_t k = 0; k < 6; ++k) {
+      const auto i = static_cast<Eigen::Index>(k);
+      Column pose = moved(&xx(0, i)), velocity = moved(&xx(0, 6 + i));
+      pose.add(carried, velocity);
+      velocity.scale(kept);
+      pose.add_at(k, of_pose(i));
+      pose.add_at(6 + k, of_both(i));
+      velocity.add_at(k, of_both(i));
+      velocity.add_at(6 + k, of_velocity(i));
+      pose.store(&xx(0, i));
+      velocity.store(&xx(0, 6 + i));
+    }
+    for (Vector12d& column : xb) moved(column.data()).store(column.data());
+  }
+};
+
+}  // namespace evmarker

@@ -1,0 +1,163 @@
+#pragma once
+// The measurements of one Kalman update.
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+#include "evmarker/simd/lanes.hpp"
+#include "evmarker/simd/wide_vectors.hpp"
+#include "evmarker/update/measurement_update.hpp"
+
+namespace evmarker {
+
+/// [J; d] of a measurement.
+using MeasurementRow = Eigen::Matrix<double, MeasurementRows::kNumbers, 1>;
+
+/// Collects scalar measurements d = J [p; b] of an error state and solves for it.
+class KalmanMeasurements {
+ public:
+  /// @param row [J; d]
+  /// @param weight inverse variance, up to the factor that `correct` is given
+  void add(const MeasurementRow& row, double weight) noexcept {
+    if (waiting_ == kMost) add_squares();
+    for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][waiting_] = row(static_cast<Eigen::Index>(j));
+    rows_.weight[waiting_++] = weight;
+    ++count_;
+  }
+
+  /// The same for the first `count` of a lane each; the others must be finite.
+  [[gnu::always_inline]] void add(const std::array<Lanes, MeasurementRows::kNumbers>& rows, const Lanes& weights,
+                                  std::size_t count) noexcept {
+    if (waiting_ + kLanes > kMost) add_squares();
+    for (std::size_t j = 0; j < kNumbers; ++j)
+      for (std::size_t i = 0; i < kLanes; ++i) rows_.row[j][waiting_ + i] = rows[j][i];
+    for (std::size_t i = 0; i < kLanes; ++i) rows_.weight[waiting_ + i] = weights[i];
+    waiting_ += count;
+    count_ += static_cast<int>(count);
+  }
+
+  void clear() noexcept {
+    count_ = 0;
+    waiting_ = 0;
+    squares_begun_ = false;
+  }
+
+  int count() const noexcept { return count_; }
+
+  /// Turns a prior covariance and the expected error of its mean into the posterior's. False, and nothing has changed,
+  /// if the covariance was not positive definite or no measurement was finite.
+  /// @param information of a measurement of weight 1
+  [[gnu::noinline]] bool correct(ErrorCovariance& P, ErrorState& error, double information) noexcept {
+    if (count_ == 0) return true;
+    if (count_ > kFew) {
+      add_squares();
+      condense();
+    }
+    bool taken = false;
+    in_packs([&](auto bits) __attribute__((always_inline)) {
+      constexpr std::size_t kBits = bits, kAbreast = kBits > 128 ? 4 : 2;  // whose numbers fit into the registers
+      std::size_t i = 0;
+      for (; i + kAbreast <= waiting_; i += kAbreast) taken |= take<kAbreast, kBits>(i, information, P, error);
+      if (i + 2 <= waiting_) {
+        taken |= take<2, kBits>(i, information, P, error);
+        i += 2;
+      }
+      if (i < waiting_) taken |= take<1, kBits>(i, information, P, error);
+    });
+    return taken;
+  }
+
+ private:
+  static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
+                               kStates = MeasurementRows::kStates;
+  static constexpr int kFew = 12;             // measured: from there on, it is faster to condense them
+  static constexpr double kRounding = 1e-14;  // what it leaves of a sum of squares
+
+  // One that cannot be taken is left out.
+  template <std::size_t kCount, std::size_t kBits>
+  [[gnu::always_inline]] bool take(std::size_t first, double information, ErrorCovariance& P,
+                                   ErrorState& error) const noexcept {
+    if (MeasurementUpdate<kCount, kBits>::take(rows_, first, information, P, error)) [[likely]]
+      return true;
+    return kCount > 1 && take_one_by_one(first, kCount, information, P, error);
+  }
+
+  [[gnu::noinline]] bool take_one_by_one(std::size_t first, std::size_t count, double information, ErrorCovariance& P,
+                                         ErrorState& error) const noexcept {
+    bool taken = false;
+    for (std::size_t i = first; i < first + count; ++i)
+      taken |= MeasurementUpdate<1, 128>::take(rows_, i, information, P, error);
+    return taken;
+  }
+
+  // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, lane by lane.
+  [[gnu::noinline]] void add_squares() noexcept {
+    in_wide_vectors([&]() __attribute__((always_inline)) {
+      for (std::size_t i = waiting_; i % kLanes != 0; ++i) {
+        rows_.weight[i] = 0;
+        for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][i] = 0;
+      }
+      for (std::size_t from = 0; from < waiting_; from += kLanes) add_squares(from);
+    });
+    waiting_ = 0;
+    squares_begun_ = true;
+  }
+
+  [[gnu::always_inline]] void add_squares(std::size_t from) noexcept {
+    alignas(64) std::array<Lanes, kNumbers> row, weighted;
+    for (std::size_t j = 0; j < kNumbers; ++j)
+      for (std::size_t i = 0; i < kLanes; ++i) {
+        row[j][i] = rows_.row[j][from + i];
+        weighted[j][i] = rows_.weight[from + i] * row[j][i];
+      }
+    const double kept = squares_begun_ || from > 0 ? 1 : 0;
+    std::size_t place = 0;
+#pragma GCC unroll 9
+    for (std::size_t j = 0; j < kNumbers; ++j)
+#pragma GCC unroll 9
+      for (std::size_t k = j; k < kNumbers; ++k, ++place)
+        for (std::size_t i = 0; i < kLanes; ++i)
+          squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
+  }
+
+  // Makes eight measurements that tell the same as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
+  // columns of L, D their weights. A direction of which nothing is told has none.
+  [[gnu::noinline]] void condense() noexcept {
+    double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
+    std::size_t place = 0;
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kNumbers; ++k)
+#pragma GCC unroll 9
+      for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = sum(squares_[place++]);
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kStates; ++k) {
+      const bool told = S[k][k] > D[k];
+      const double inverse = told ? 1 / S[k][k] : 0;
+      D[k] = told ? S[k][k] : 0;
+#pragma GCC unroll 9
+      for (std::size_t i = k; i < kNumbers; ++i) L[k][i] = inverse * S[k][i];
+#pragma GCC unroll 9
+      for (std::size_t j = k + 1; j < kNumbers; ++j)
+#pragma GCC unroll 9
+        for (std::size_t i = j; i < kNumbers; ++i) S[j][i] -= L[k][j] * S[k][i];
+    }
+#pragma GCC unroll 9
+    for (std::size_t k = 0; k < kStates; ++k) rows_.weight[k] = D[k];
+#pragma GCC unroll 9
+    for (std::size_t i = 0; i < kNumbers; ++i)
+#pragma GCC unroll 9
+      for (std::size_t k = 0; k < kStates; ++k) rows_.row[i][k] = i < k ? 0 : L[k][i];
+    waiting_ = kStates;
+  }
+
+  MeasurementRows rows_;  // that are not in the squares yet
+  // Lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun.
+  alignas(64) std::array<Lanes, kNumbers*(kNumbers + 1) / 2> squares_{};
+  bool squares_begun_ = false;
+  int count_ = 0;
+  std::size_t waiting_ = 0;
+};
+
+}  // namespace evmarker

@@ -1,0 +1,70 @@
+#include "evmarker/io/block_reader.hpp"
+
+#include <doctest/doctest.h>
+
+#include "evmarker/io/line_reader.hpp"
+#include "io/test_support.hpp"
+
+using namespace evmarker;
+using namespace evmarker::io;
+using namespace evmarker::io::test;
+
+namespace {
+
+std::string text(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+}  // namespace
+
+TEST_CASE("BlockReader: blocks in order, what is kept comes first, the end repeats") {
+  const TemporaryFolder folder;
+  BlockReader reader(write_file(folder / "a", "abcdefghij"), 4);
+  CHECK(reader.bytes_total() == 10);
+  CHECK(text(reader.next()) == "abcd");
+  CHECK(text(reader.next(2)) == "cdefgh");
+  CHECK(text(reader.next(5)) == "defghij");
+  CHECK_FALSE(reader.at_end());
+  CHECK(text(reader.next(1)) == "j");
+  CHECK(reader.at_end());
+  CHECK(reader.next().empty());
+  CHECK(reader.at_end());
+}
+
+TEST_CASE("BlockReader: any block size yields the file") {
+  const TemporaryFolder folder;
+  std::string content;
+  for (int i = 0; i < 3000; ++i) content += static_cast<char>(i * 7);
+  const auto path = write_file(folder / "a", content);
+  for (const std::size_t size : {1U, 7U, 1000U, 2999U, 3000U, 3001U, 100000U}) {
+    BlockReader reader(path, size);
+    std::string read;
+    for (auto block = reader.next(); !block.empty(); block = reader.next()) read += text(block);
+    CHECK(read == content);
+  }
+}
+
+TEST_CASE("BlockReader: missing files and folders") {
+  const TemporaryFolder folder;
+  CHECK(contains(error_of([&] { BlockReader(folder / "none"); }), "none: cannot open: No such file"));
+  CHECK(contains(error_of([&] { BlockReader(folder / "."); }), "is a directory"));
+  BlockReader empty(write_file(folder / "empty", ""));
+  CHECK(empty.next().empty());
+  CHECK(empty.at_end());
+}
+
+TEST_CASE("LineReader: lines across blocks, with numbers, offsets and a missing end") {
+  const TemporaryFolder folder;
+  LineReader lines(write_file(folder / "a", "first\r\n\nthird line\nlast"), 4);
+  CHECK(lines.next() == "first");
+  CHECK(lines.next() == "");
+  CHECK(lines.next() == "third line");
+  CHECK(lines.line_number() == 3);
+  CHECK(lines.byte_offset() == 8);
+  CHECK(lines.line_ended());
+  CHECK(lines.next() == "last");
+  CHECK_FALSE(lines.line_ended());
+  CHECK(lines.bytes_read() == 23);
+  CHECK(lines.next() == std::nullopt);
+  CHECK(lines.next() == std::nullopt);
+}

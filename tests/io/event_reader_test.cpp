@@ -1,0 +1,80 @@
+#include "evmarker/io/event_reader.hpp"
+
+#include <doctest/doctest.h>
+
+#include "evmarker/events/event_stream.hpp"
+#include "evmarker/io/csv_writer.hpp"
+#include "evmarker/io/raw_writer.hpp"
+#include "io/test_support.hpp"
+
+using namespace evmarker;
+using namespace evmarker::io;
+using namespace evmarker::io::test;
+
+static_assert(EventSource<EventReader>);
+
+TEST_CASE("EventReader: the same events from RAW and text, whatever the name") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 5000, 1);
+  const auto write = [&](auto writer) {
+    writer.write(events);
+    writer.close();
+  };
+  write(RawWriter(folder / "a.raw", {640, 480}, RawFormat::evt2));
+  write(RawWriter(folder / "b", {640, 480}, RawFormat::evt3));
+  write(CsvWriter(folder / "c.csv", {640, 480}));
+  write(CsvWriter(folder / "d.TXT", {640, 480}));
+  for (const char* name : {"a.raw", "b", "c.csv", "d.TXT"}) {
+    EventReader reader(folder / name);
+    CHECK(reader.kind() == (name[0] < 'c' ? RecordingKind::raw : RecordingKind::text));
+    CHECK(reader.sensor_size() == SensorSize{640, 480});
+    CHECK(drain(reader) == events);
+    CHECK(reader.statistics().events == events.size());
+    CHECK(reader.bytes_read() == reader.bytes_total());
+    EventReader shifted(folder / name, {.shift_first_time_to_zero = true});
+    CHECK(shifted.next_batch().front().t == 0);
+  }
+}
+
+TEST_CASE("EventReader: options reach the reader") {
+  const TemporaryFolder folder;
+  const auto path = write_file(folder / "a.txt", "6 5 1 100\n");
+  CHECK(contains(error_of([&] { EventReader reader(path); }), "no sensor size"));
+  EventReader reader(path, {.sensor_size = SensorSize{64, 48}, .text_layout = {.columns = "yxpt"}});
+  CHECK(drain(reader) == std::vector<Event>{{5, 6, 1, 100}});
+  EventReader raw(write_file(folder / "b.raw", "% evt 2.0\n% end\n"), {.sensor_size = SensorSize{64, 48}});
+  CHECK(raw.sensor_size() == SensorSize{64, 48});
+}
+
+TEST_CASE("EventReader: kinds it cannot read yet are named, by content or extension") {
+  using namespace std::string_literals;
+  const TemporaryFolder folder;
+  const auto open = [&](const char* name, const std::string& content) {
+    return error_of([&] { EventReader(write_file(folder / name, content)); });
+  };
+  CHECK(contains(open("a.dat", "% Data file\n% Version 2\n\x0c\x08"), "DAT recordings are not supported yet"));
+  CHECK(contains(open("a.bin", "% Version 2\n\x0c\x08"), "DAT"));
+  CHECK(contains(open("a", "#!AER-DAT4.0\r\n"), "AEDAT"));
+  CHECK(contains(open("a", "\x89HDF\r\n\x1a\n"), "HDF5"));
+  CHECK(contains(open("a", "#ROSBAG V2.0\n"), "rosbag"));
+  CHECK(contains(open("a.h5", "\x01\x02"), "HDF5"));
+  CHECK(contains(open("a.BAG", "\x01\x02"), "rosbag"));
+  CHECK(contains(open("a.mp4", "\x01\x02"), "these are: Prophesee RAW (EVT2, EVT2.1, EVT3), text"));
+  CHECK(contains(open("a.raw", "\x01\x02"), "not a Prophesee RAW recording"));
+  CHECK(contains(open("a.csv", ""), "a.csv: the file is empty"));
+  CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
+}
+
+TEST_CASE("EventReader: real recordings") {
+  const std::filesystem::path data(EVMARKER_SHARED_DATA);
+  if (!std::filesystem::exists(data / "formats")) {
+    MESSAGE("skipped: no " << data.string());
+    return;
+  }
+  EventReader raw(data / "formats/sparklers_evt2.raw");
+  CHECK(drain(raw).size() == 521252);
+  EventReader text(data / "flip/events.csv", {.sensor_size = SensorSize{128, 128}});
+  CHECK(drain(text).size() == 175136);
+  CHECK(contains(error_of([&] { EventReader(data / "formats/ncars.dat"); }), "DAT"));
+  CHECK(contains(error_of([&] { EventReader(data / "formats/davis_lz4.aedat4"); }), "AEDAT"));
+}

@@ -1,0 +1,53 @@
+#include "evmarker/io/raw_header.hpp"
+
+#include <doctest/doctest.h>
+
+#include "io/test_support.hpp"
+
+using namespace evmarker;
+using namespace evmarker::io;
+using namespace evmarker::io::test;
+
+TEST_CASE("RAW header: the format line wins over evt and geometry") {
+  const std::string text = "% evt 2.0\n% format EVT3;height=720;width=1280\n% geometry 640x480\n% end\n";
+  const RawHeader header = parse_raw_header(text + "% x", "a.raw");
+  CHECK(header.format == RawFormat::evt3);
+  CHECK(header.size == SensorSize{1280, 720});
+  CHECK(header.bytes == text.size());
+  CHECK(header.fields.size() == 3);
+}
+
+TEST_CASE("RAW header: versions, line ends, geometry and system_ID") {
+  CHECK(parse_raw_header("% evt 2.0\n% geometry 304x240\n", "a").format == RawFormat::evt2);
+  CHECK(parse_raw_header("% evt 2.1\r\n% geometry 304x240\r\n% end\r\n", "a").format == RawFormat::evt21);
+  CHECK(parse_raw_header("% evt 3.0\n% geometry 304x240\n", "a").size == SensorSize{304, 240});
+  CHECK(parse_raw_header("% evt 3.0\n% system_ID 21\n", "a").size == SensorSize{640, 480});
+  CHECK(parse_raw_header("% evt 3.0\n% system_ID 49\n", "a").size == SensorSize{1280, 720});
+  CHECK(parse_raw_header("% evt 3.0\n% system_ID 99\n", "a").size == std::nullopt);
+  CHECK(parse_raw_header("% evt 3.0\n% system_ID 21\n% geometry 10x20\n", "a").size == SensorSize{10, 20});
+  CHECK(parse_raw_header("% evt 2.1\n% endianness legacy\n", "a").halves_swapped);
+  CHECK(parse_raw_header("% format EVT21;endianness=legacy\n", "a").halves_swapped);
+  CHECK_FALSE(parse_raw_header("% format EVT21;endianness=little\n", "a").halves_swapped);
+}
+
+TEST_CASE("RAW header: without end line it ends at the first word, even one that begins like a line") {
+  using namespace std::string_literals;
+  CHECK(parse_raw_header("% evt 2.0\n\xd0\xd8\xd9\x80", "a").bytes == 10);
+  CHECK(parse_raw_header("% evt 3.0\n% \x01\x00\x0a"s, "a").bytes == 10);
+}
+
+TEST_CASE("RAW header: what is made is parsed") {
+  for (const RawFormat format : {RawFormat::evt2, RawFormat::evt21, RawFormat::evt3}) {
+    const std::string text = make_raw_header(format, {1280, 720});
+    const RawHeader header = parse_raw_header(text, "a");
+    CHECK(header.format == format);
+    CHECK(header.size == SensorSize{1280, 720});
+    CHECK(header.bytes == text.size());
+  }
+}
+
+TEST_CASE("RAW header: errors name file and value") {
+  CHECK(contains(error_of([] { parse_raw_header("% evt 4.0\n% end\n", "a.raw"); }), "a.raw: RAW encoding '4.0'"));
+  CHECK(contains(error_of([] { parse_raw_header("% format EVT4;width=1\n", "a.raw"); }), "'EVT4' is not supported"));
+  CHECK(contains(error_of([] { parse_raw_header("hello", "a.raw"); }), "not a Prophesee RAW recording"));
+}

@@ -1,0 +1,243 @@
+#include "evmarker/io/raw_reader.hpp"
+
+#include <doctest/doctest.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <random>
+
+#include "evmarker/events/event_stream.hpp"
+#include "evmarker/io/raw_writer.hpp"
+#include "io/test_support.hpp"
+
+using namespace evmarker;
+using namespace evmarker::io;
+using namespace evmarker::io::test;
+
+static_assert(EventSource<RawReader>);
+
+namespace {
+
+// high 0, low 7, row 3, single event, trigger, vector of two, high 1, single event
+const std::string kEvt3Words =
+    to_bytes<std::uint16_t>({0x8000, 0x6007, 0x0003, 0x2805, 0xA101, 0x3864, 0x4003, 0x8001, 0x2006});
+const std::vector<Event> kEvt3Events{{5, 3, 1, 7}, {100, 3, 1, 7}, {101, 3, 1, 7}, {6, 3, 0, 4096}};
+
+constexpr bool kSanitized =
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    true;
+#else
+    false;
+#endif
+
+}  // namespace
+
+TEST_CASE("RawReader: reads EVT3 with its triggers") {
+  const TemporaryFolder folder;
+  RawReader reader(write_file(folder / "a.raw", "% date today\n% evt 3.0\n% geometry 320x240\n% end\n" + kEvt3Words));
+  CHECK(reader.sensor_size() == SensorSize{320, 240});
+  CHECK(reader.header().format == RawFormat::evt3);
+  std::vector<TriggerEvent> triggers;
+  CHECK(drain(reader, &triggers) == kEvt3Events);
+  CHECK(triggers == std::vector<TriggerEvent>{{1, true, 7}});
+  CHECK(reader.statistics() == RecordingStatistics{.events = 4, .triggers = 1});
+  CHECK(reader.bytes_read() == reader.bytes_total());
+  CHECK(reader.bytes_total() == std::filesystem::file_size(folder / "a.raw"));
+  CHECK(reader.next_batch().empty());
+  CHECK(reader.triggers().empty());
+}
+
+TEST_CASE("RawReader: shifts time to zero where asked") {
+  const TemporaryFolder folder;
+  const auto path = write_file(folder / "a.raw", "% evt 3.0\n% geometry 320x240\n% end\n" + kEvt3Words);
+  RawReader reader(path, {.shift_first_time_to_zero = true});
+  std::vector<TriggerEvent> triggers;
+  const auto events = drain(reader, &triggers);
+  REQUIRE(events.size() == 4);
+  CHECK(events[0].t == 0);
+  CHECK(events[3].t == 4089);
+  CHECK(triggers == std::vector<TriggerEvent>{{1, true, 0}});
+}
+
+TEST_CASE("RawReader: EVT2.1 in both byte orders") {
+  const TemporaryFolder folder;
+  const std::vector<std::uint64_t> words{0x8000000100000000U, 0x1140280700000003U};
+  const std::vector<Event> expected{{5, 7, 1, 69}, {6, 7, 1, 69}};
+  RawReader little(write_file(folder / "a.raw", "% format EVT21;height=480;width=640\n% end\n" + to_bytes(words)));
+  CHECK(drain(little) == expected);
+  std::vector<std::uint32_t> halves;
+  for (const auto word : words) {
+    halves.push_back(static_cast<std::uint32_t>(word >> 32U));
+    halves.push_back(static_cast<std::uint32_t>(word));
+  }
+  RawReader legacy(write_file(folder / "b.raw",
+                              "% format EVT21;endianness=legacy;height=480;width=640\n% end\n" + to_bytes(halves)));
+  CHECK(drain(legacy) == expected);
+}
+
+TEST_CASE("RawReader: cut at any byte, it yields every whole event before the cut") {
+  const TemporaryFolder folder;
+  const std::string header = "% evt 3.0\n% geometry 320x240\n% end\n";
+  // Events that are whole once a word is there.
+  const std::vector<std::size_t> events_after_word{0, 0, 0, 1, 1, 1, 3, 3, 4};
+  for (std::size_t cut = 0; cut <= kEvt3Words.size(); ++cut) {
+    RawReader reader(write_file(folder / "a.raw", header + kEvt3Words.substr(0, cut)));
+    const auto events = drain(reader);
+    const std::size_t expected = cut < 2 ? 0 : events_after_word[cut / 2 - 1];
+    REQUIRE(events.size() == expected);
+    CHECK(std::equal(events.begin(), events.end(), kEvt3Events.begin()));
+    CHECK(reader.statistics().truncated_bytes == cut % 2);
+  }
+  for (std::size_t cut = 0; cut < header.size(); ++cut) {  // inside the header: one error, or a recording of nothing
+    const auto path = write_file(folder / "b.raw", header.substr(0, cut));
+    std::size_t events = 0;
+    const std::string error = error_of([&] {
+      RawReader reader(path, {.sensor_size = SensorSize{320, 240}});
+      events = drain(reader).size();
+    });
+    CHECK(events == 0);
+    if (cut < 10) CHECK(contains(error, "b.raw"));
+  }
+}
+
+TEST_CASE("RawReader: cut at any byte, EVT2") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 20, 1);
+  RawWriter writer(folder / "whole.raw", {640, 480}, RawFormat::evt2);
+  writer.write(events);
+  writer.close();
+  const std::string whole = read_file(folder / "whole.raw");
+  const std::size_t header = whole.find("% end\n") + 6;
+  std::size_t most = 0;
+  for (std::size_t cut = header; cut <= whole.size(); ++cut) {
+    RawReader reader(write_file(folder / "cut.raw", whole.substr(0, cut)));
+    const auto read = drain(reader);
+    REQUIRE(read.size() <= events.size());
+    CHECK(std::equal(read.begin(), read.end(), events.begin()));
+    CHECK(read.size() >= most);
+    CHECK(reader.statistics().truncated_bytes == (cut - header) % 4);
+    most = read.size();
+  }
+  CHECK(most == events.size());
+}
+
+TEST_CASE("RawReader: one clear line for a file it cannot read") {
+  const TemporaryFolder folder;
+  const auto open = [&](const char* name, const std::string& content) {
+    return error_of([&] { RawReader(write_file(folder / name, content)); });
+  };
+  CHECK(contains(error_of([&] { RawReader(folder / "none.raw"); }), "none.raw: cannot open: No such file"));
+  CHECK(contains(error_of([&] { RawReader(folder / "."); }), "is a directory"));
+  CHECK(contains(open("empty.raw", ""), "empty.raw: the file is empty"));
+  CHECK(contains(open("noise.raw", "\x01\x02\x03"), "noise.raw: not a Prophesee RAW recording"));
+  CHECK(contains(open("dat.raw", "% Version 2\n\x0c\x08"), "not a Prophesee RAW recording"));
+  CHECK(contains(open("evt4.raw", "% format EVT4;height=1;width=1\n% end\n"), "'EVT4' is not supported"));
+  CHECK(contains(open("size.raw", "% evt 3.0\n% end\n"), "no sensor size"));
+  CHECK(contains(open("geometry.raw", "% evt 3.0\n% geometry 12ax7\n% end\n"), "geometry is '12ax7'"));
+  CHECK(contains(open("huge.raw", "% evt 3.0\n% geometry 99999x7\n% end\n"), "99999 x 7"));
+  CHECK(contains(open("cut.raw", "% evt 3.0\n% geome"), "cut off inside its header (byte 10)"));
+  for (const char* name : {"empty.raw", "noise.raw", "evt4.raw", "cut.raw"})
+    CHECK(error_of([&] { RawReader(folder / name); }).find('\n') == std::string::npos);
+}
+
+TEST_CASE("RawReader: the error carries path, offset and reason") {
+  const TemporaryFolder folder;
+  const auto path = write_file(folder / "cut.raw", "% evt 3.0\n% geome");
+  try {
+    RawReader reader(path);
+    FAIL("no error");
+  } catch (const RecordingError& error) {
+    CHECK(error.path() == path);
+    CHECK(error.byte_offset() == std::uint64_t{10});
+    CHECK(error.reason() == "cut off inside its header");
+  }
+}
+
+TEST_CASE("RawReader: a recording longer than its blocks, moved while it is read") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 1500000, 9);
+  RawWriter writer(folder / "a.raw", {640, 480}, RawFormat::evt2);
+  writer.write(events);
+  writer.close();
+  REQUIRE(std::filesystem::file_size(folder / "a.raw") > 3 * BlockReader::kBlockBytes);
+  RawReader reader(folder / "a.raw");
+  const auto first = reader.next_batch();
+  std::vector<Event> read(first.begin(), first.end());
+  const std::uint64_t after_first = reader.bytes_read();
+  CHECK(after_first < reader.bytes_total());
+  RawReader moved = std::move(reader);
+  const auto rest = drain(moved);
+  read.insert(read.end(), rest.begin(), rest.end());
+  CHECK(read == events);
+  CHECK(moved.bytes_read() == moved.bytes_total());
+}
+
+TEST_CASE("RawReader: dropped half-way, its read-ahead ends with it") {
+  const TemporaryFolder folder;
+  RawWriter writer(folder / "a.raw", {640, 480});
+  writer.write(random_events({640, 480}, 1500000, 9));
+  writer.close();
+  for (int i = 0; i < 50; ++i) CHECK(!RawReader(folder / "a.raw").next_batch().empty());
+}
+
+TEST_CASE("RawReader: garbled recordings neither crash nor leave the sensor") {
+  const TemporaryFolder folder;
+  std::mt19937 random(123);
+  std::size_t yielded = 0;
+  for (const char* header : {"% evt 2.0\n% geometry 320x240\n% end\n", "% evt 2.1\n% geometry 320x240\n% end\n",
+                             "% evt 3.0\n% geometry 320x240\n% end\n"}) {
+    std::string bytes(300001, '\0');
+    for (char& c : bytes) c = static_cast<char>(random());
+    RawReader reader(write_file(folder / "a.raw", header + bytes));
+    const auto events = drain(reader);
+    CHECK(std::ranges::all_of(events, [](const Event& e) { return SensorSize{320, 240}.contains(e.x, e.y); }));
+    CHECK(reader.statistics().events == events.size());
+    yielded += events.size();
+  }
+  CHECK(yielded > 1000);
+}
+
+TEST_CASE("RawReader: a real EVT2 recording without end line") {
+  const std::filesystem::path path = std::filesystem::path(EVMARKER_SHARED_DATA) / "formats/sparklers_evt2.raw";
+  if (!std::filesystem::exists(path)) {
+    MESSAGE("skipped: no " << path.string());
+    return;
+  }
+  RawReader reader(path);
+  CHECK(reader.sensor_size() == SensorSize{640, 480});  // from system_ID 21
+  const auto events = drain(reader);
+  REQUIRE(events.size() == 521252);
+  CHECK(events.front().t == 913716224);
+  CHECK(events.back().t == 913812095);
+  CHECK(reader.statistics() == RecordingStatistics{.events = 521252});
+  CHECK(std::ranges::count_if(events, [](const Event& e) { return e.p > 0; }) == 185861);
+}
+
+TEST_CASE("RawReader: memory does not grow with the recording") {
+  if (kSanitized) {
+    MESSAGE("skipped under sanitizers");
+    return;
+  }
+  const TemporaryFolder folder;
+  RawWriter writer(folder / "large.raw", {640, 480}, RawFormat::evt2);
+  auto events = random_events({640, 480}, 500000, 2);
+  const Timestamp duration = events.back().t + 1;
+  for (int i = 0; i < 150; ++i) {
+    writer.write(events);
+    for (Event& event : events) event.t += duration;
+  }
+  writer.close();
+  REQUIRE(std::filesystem::file_size(folder / "large.raw") > 300000000);
+
+  const auto peak_kilobytes = [] {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    return usage.ru_maxrss;
+  };
+  const auto before = peak_kilobytes();
+  RawReader reader(folder / "large.raw");
+  std::uint64_t count = 0;
+  for_each_event(reader, [&](const Event&) { ++count; });
+  CHECK(count == 150 * events.size());
+  CHECK(peak_kilobytes() - before < 30000);
+}

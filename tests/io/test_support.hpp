@@ -1,0 +1,111 @@
+#pragma once
+// Shared by the io tests: temporary folders, hand-made bytes, draining of readers.
+#include <unistd.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <random>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/recording_error.hpp"
+
+namespace evmarker::io::test {
+
+/// A folder of its own for each test, removed with everything in it.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    static int count = 0;
+    path_ = std::filesystem::temp_directory_path() /
+            ("evmarker_io_" + std::to_string(::getpid()) + "_" + std::to_string(count++));
+    std::filesystem::create_directories(path_);
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+
+  std::filesystem::path operator/(const char* name) const { return path_ / name; }
+  std::size_t files() const {
+    return static_cast<std::size_t>(
+        std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
+  }
+
+ private:
+  std::filesystem::path path_;
+};
+
+inline std::filesystem::path write_file(const std::filesystem::path& path, std::string_view content) {
+  std::ofstream(path, std::ios::binary) << content;
+  return path;
+}
+
+inline std::string read_file(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// Little-endian bytes of words.
+template <typename Word>
+std::string to_bytes(const std::vector<Word>& words) {
+  std::string bytes;
+  for (const Word word : words)
+    for (std::size_t i = 0; i < sizeof(Word); ++i) bytes += static_cast<char>((word >> (8 * i)) & 0xFF);
+  return bytes;
+}
+
+inline std::span<const std::byte> as_span(const std::string& bytes) { return std::as_bytes(std::span(bytes)); }
+
+/// Every event of a source, in order; also its triggers.
+template <typename Source>
+std::vector<Event> drain(Source& source, std::vector<TriggerEvent>* triggers = nullptr) {
+  std::vector<Event> events;
+  while (true) {
+    const std::span<const Event> batch = source.next_batch();
+    if (triggers != nullptr) triggers->insert(triggers->end(), source.triggers().begin(), source.triggers().end());
+    if (batch.empty()) return events;
+    events.insert(events.end(), batch.begin(), batch.end());
+  }
+}
+
+/// The line of the error that `call` throws; empty where it throws none.
+template <typename Error = RecordingError, typename Call>
+std::string error_of(Call&& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return {};
+}
+
+inline bool contains(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
+
+/// Events in clusters along rows, as edges make them, some of them single; with pauses and steps back on demand.
+inline std::vector<Event> random_events(SensorSize size, std::size_t count, unsigned seed, bool steps_back = false) {
+  std::mt19937 random(seed);
+  const auto below = [&](int limit) { return static_cast<int>(random() % static_cast<unsigned>(limit)); };
+  std::vector<Event> events;
+  Timestamp t = below(100000);
+  while (events.size() < count) {
+    t += below(20) == 0 ? below(9000) : below(30);
+    if (steps_back && below(50) == 0) t -= std::min<Timestamp>(t, below(20000));
+    const auto y = static_cast<std::uint16_t>(below(size.height));
+    const auto p = static_cast<std::int16_t>(below(2));
+    int x = below(size.width);
+    for (int length = below(2) == 0 ? 1 : below(40); length > 0 && x < size.width; --length, x += 1 + below(3))
+      events.push_back({static_cast<std::uint16_t>(x), y, p, t});
+  }
+  return events;
+}
+
+}  // namespace evmarker::io::test

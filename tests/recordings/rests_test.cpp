@@ -1,0 +1,129 @@
+#include <doctest/doctest.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "evmarker/update/kalman_update.hpp"
+#include "simulated.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double kMove_s = 0.4;
+const PinholeCamera camera{{346, 260}, 300, 300, 172.5, 129.5};
+
+struct Rest {
+  double seconds, noise_hz_per_px;
+};
+
+Trajectory moves_and_rests(double rest_s) {
+  const Trajectory sway = trajectory::handheld(
+      {.T_center = facing_pose({0, 0, 0.5}), .amplitude_m = {0.06, 0.04, 0.06}, .frequency_hz = 1.3, .seed = 11});
+  return trajectory::stop_and_go(sway, {{kMove_s, rest_s}, {kMove_s, 0}});
+}
+
+// Error and stated covariance, per degree of freedom.
+double nees(const PoseEstimate& pose, const Eigen::Isometry3d& truth) {
+  const Eigen::AngleAxisd turn(truth.linear() * pose.T_camera_marker.linear().transpose());
+  Vector6d error;
+  error << truth.translation() - pose.T_camera_marker.translation(), turn.angle() * turn.axis();
+  return error.dot(pose.covariance->ldlt().solve(error)) / 6;
+}
+
+// What one tracker tells at the end of a rest, asked for it then, and of the motion after it.
+template <typename Rule>
+struct Rested {
+  int events_per_update;
+  MarkerTracker<Rule> tracker;
+  PoseEstimate at_end{};
+  AccuracyMeter before{}, after{};
+  Timestamp first_after = 0;
+};
+
+template <typename Rule>
+std::vector<Rested<Rule>> rest(const Rest& rest, const std::vector<int>& events_per_update) {
+  const Trajectory motion = moves_and_rests(rest.seconds);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  std::vector<Rested<Rule>> all;
+  for (const int n : events_per_update)
+    all.push_back({n, {camera, model, motion(0), {.events_per_update = n, .start_search = std::nullopt}}});
+  const Timestamp end = static_cast<Timestamp>(1e6 * (kMove_s + rest.seconds));
+  Simulator simulator(
+      camera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+      SimulatorSettings{.duration_s = 2 * kMove_s + rest.seconds, .seed = 11, .noise_hz_per_px = rest.noise_hz_per_px});
+  bool over = false;
+  for_each_event(simulator, [&](const Event& event) {
+    if (!over && event.t >= end) {
+      over = true;
+      for (Rested<Rule>& one : all) one.at_end = one.tracker.pose_at(end, end);
+    }
+    for (Rested<Rule>& one : all) {
+      const PoseEstimate* const pose = one.tracker.push(event);
+      if (!pose) continue;
+      (over ? one.after : one.before).add(*pose, motion(1e-6 * static_cast<double>(pose->t)));
+      if (over && one.first_after == 0) one.first_after = pose->t - end;
+    }
+  });
+  return all;
+}
+
+// Short and long, in silence and in as much noise as there is.
+const std::vector<Rest> kRests{{0.05, 0}, {0.05, 10}, {0.5, 1}, {2, 10}, {5, 0}, {60, 0.1}};
+
+}  // namespace
+
+TEST_CASE("a marker that rests keeps pose, covariance and health, and is followed from its first events on") {
+  for (const Rest& length : kRests) {
+    const Eigen::Isometry3d truth = moves_and_rests(length.seconds)(kMove_s);
+    for (const auto& one : rest<KalmanUpdate>(length, {kAutomatic, 1, 10, 100})) {
+      CAPTURE(length.seconds);
+      CAPTURE(length.noise_hz_per_px);
+      CAPTURE(one.events_per_update);
+      REQUIRE(one.before.tracking() > 100);
+      const PoseError error = pose_error(one.at_end.T_camera_marker, truth);
+      const double sigma_mm = 1e3 * std::sqrt(one.at_end.covariance->topLeftCorner<3, 3>().trace());
+      MESSAGE(length.seconds << " s, " << length.noise_hz_per_px << " Hz/px, n " << one.events_per_update << ": "
+                             << error.translation_mm << " mm, " << error.rotation_deg << " deg, stated " << sigma_mm
+                             << " mm, NEES " << nees(one.at_end, truth) << "; then after "
+                             << 1e-3 * static_cast<double>(one.first_after) << " ms at most "
+                             << one.after.translation_mm().max << " mm, " << one.after.rotation_deg().max << " deg");
+      CHECK(one.at_end.quality.state == TrackingState::tracking);
+      CHECK(one.at_end.quality.health > 0.99);
+      CHECK(error.translation_mm < 2);
+      CHECK(error.rotation_deg < 1.5);
+      CHECK(sigma_mm < 5);
+      CHECK(nees(one.at_end, truth) < 2);
+      REQUIRE(one.after.tracking() > 100);
+      CHECK(one.first_after < 40000);
+      CHECK(one.after.translation_mm().max < 4);
+      CHECK(one.after.rotation_deg().max < 5);
+      CHECK(one.tracker.state() == TrackingState::tracking);
+    }
+  }
+}
+
+TEST_CASE("so does the paper's rule, as well as it follows") {
+  for (const Rest& length : kRests)
+    for (const auto& one : rest<DecoupledUpdate>(length, {kAutomatic, 100})) {  // with fewer, noise jerks it first
+      CAPTURE(length.seconds);
+      CAPTURE(length.noise_hz_per_px);
+      CAPTURE(one.events_per_update);
+      const PoseError error = pose_error(one.at_end.T_camera_marker, moves_and_rests(length.seconds)(kMove_s));
+      MESSAGE(length.seconds << " s, " << length.noise_hz_per_px << " Hz/px, n " << one.events_per_update << ": "
+                             << error.translation_mm << " mm, " << error.rotation_deg << " deg; before at most "
+                             << one.before.translation_mm().max << "; then at most " << one.after.translation_mm().max
+                             << " mm, " << one.after.rotation_deg().max << " deg");
+      CHECK(one.at_end.quality.state == TrackingState::tracking);
+      REQUIRE(one.before.tracking() > 100);
+      CHECK(error.translation_mm < one.before.translation_mm().max);
+      CHECK(error.rotation_deg < one.before.rotation_deg().max);
+      REQUIRE(one.after.tracking() > 100);
+      CHECK(one.tracker.state() == TrackingState::tracking);
+    }
+}

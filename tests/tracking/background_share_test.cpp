@@ -1,0 +1,87 @@
+#include "evmarker/tracking/background_share.hpp"
+
+#include <doctest/doctest.h>
+
+#include <random>
+
+using evmarker::BackgroundShare;
+
+namespace {
+
+// Events that come at random to edges and beside them, so many a second, for so long, judged after every 10 matched.
+struct Around {
+  BackgroundShare share;
+  std::mt19937 random{7};
+  double t_us = 0;
+  int judged = 0, still = 0, moving = 0;
+
+  void pass(double seconds, double matched_hz, double others_hz) {
+    judged = still = moving = 0;
+    for (const double end_us = t_us + seconds * 1e6; t_us < end_us;) {
+      const double dt_us = std::gamma_distribution(10.0, 1e6 / matched_hz)(random);
+      t_us += dt_us;
+      const int others = std::poisson_distribution(dt_us * 1e-6 * others_hz)(random);
+      if (!share.add(10, others, static_cast<evmarker::Timestamp>(t_us))) continue;
+      ++judged;
+      still += share.signal() < 0.1;
+      moving += share.signal() > 0.99;
+    }
+  }
+};
+
+}  // namespace
+
+TEST_CASE("events are of moving edges before anything is known") { CHECK(BackgroundShare().signal() == 1); }
+
+TEST_CASE("at rest the events are background, whatever its rate and however crowded the edges are") {
+  for (const double matching : {0.2, 1.0 / 3, 0.6})
+    for (const double noise_hz : {300.0, 3000.0, 30000.0}) {
+      CAPTURE(matching);
+      CAPTURE(noise_hz);
+      Around around;
+      around.share.expect_matching(matching);
+      around.pass(4e5 / noise_hz, matching * noise_hz, (1 - matching) * noise_hz);
+      REQUIRE(around.judged > 1000);
+      CHECK(around.still > 0.97 * around.judged);
+    }
+}
+
+TEST_CASE("in motion they are of edges, at once after a rest") {
+  Around around;
+  around.share.expect_matching(1.0 / 3);
+  around.pass(1, 1000, 2000);
+  REQUIRE(around.share.signal() < 0.1);
+  around.pass(0.01, 101000, 2000 + 5000);
+  REQUIRE(around.judged > 10);
+  CHECK(around.moving == around.judged);
+  around.pass(1, 1000, 2000);
+  CHECK(around.still > 0.95 * around.judged);
+}
+
+TEST_CASE("a pose that lags for a moment, with most events beside the edges, goes on moving") {
+  Around around;
+  around.share.expect_matching(1.0 / 3);
+  around.pass(1, 101000, 7000);
+  around.pass(0.005, 30000, 80000);
+  REQUIRE(around.judged >= 2);
+  CHECK(around.still == 0);
+}
+
+TEST_CASE("half of the events from moving edges move the pose half as much at least") {
+  Around around;
+  around.share.expect_matching(1.0 / 3);
+  around.pass(5, 2000, 2000);
+  REQUIRE(around.judged > 100);
+  CHECK(around.still < 0.2 * around.judged);
+}
+
+TEST_CASE("a motion too slow to be told from the last events alone is told from more of them, not a rest") {
+  Around around;
+  around.share.expect_matching(1.0 / 3);
+  around.pass(1, 1000, 2000);
+  around.pass(2, 1300, 2000);
+  REQUIRE(around.judged > 20);
+  CHECK(around.still < 0.5 * around.judged);
+  around.pass(2, 1000, 2000);
+  CHECK(around.still > 0.6 * around.judged);  // it takes as long to be sure again
+}

@@ -1,0 +1,97 @@
+#include "evmarker/tracking/edge_activity.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/simulation/trajectory.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double kFocal = 533;
+const MarkerModel kSquare = make_square_marker(0.1);  // top, right, bottom, left: 89 px each at 0.6 m
+
+Eigen::Isometry3d at(double x_px, double y_px) { return facing_pose({x_px * 0.6 / kFocal, y_px * 0.6 / kFocal, 0.6}); }
+
+// Moves a model between two places while every segment makes so many events.
+struct Walk {
+  MarkerModel model = kSquare;
+  EdgeActivity activity{model, kFocal};
+  Eigen::Vector2d place{0, 0};
+
+  Walk() { activity.log_likelihood_of_loss(model, at(0, 0)); }
+  std::optional<double> go(const Eigen::Vector2d& way, const std::vector<int>& events) {
+    for (std::size_t segment = 0; segment < events.size(); ++segment)
+      for (int i = 0; i < events[segment]; ++i) activity.add(static_cast<int>(segment));
+    place += way;
+    return activity.log_likelihood_of_loss(model, at(place.x(), place.y()));
+  }
+};
+
+}  // namespace
+
+TEST_CASE("the first question only says where the edges are, and too little motion says nothing") {
+  EdgeActivity activity(kSquare, kFocal);
+  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, at(0, 0)));
+  CHECK_FALSE(activity.due());
+  Walk walk;
+  CHECK_FALSE(walk.go({0.5, 0.5}, {400, 400, 0, 400}));
+  CHECK_FALSE(walk.activity.due());
+  // What came before counts together with what comes after: all edges have made events over the whole way.
+  const auto evidence = walk.go({2.5, 2.5}, {400, 400, 800, 400});
+  REQUIRE(evidence);
+  CHECK(*evidence < 0);
+}
+
+TEST_CASE("edges that all make events speak for the marker, two of four without events against it") {
+  Walk seen, hidden;
+  for (int i = 0; i < 5; ++i) {
+    CHECK(seen.go({3, 3}, {800, 800, 800, 800}).value() < 0);
+    CHECK(hidden.go({3, 3}, {800, 800, 800, 800}).value() < 0);
+  }
+  // 89 px by 3 px at three events per pixel.
+  CHECK(seen.activity.events_per_px2() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02));
+  CHECK(hidden.go({3, 3}, {800, 0, 800, 0}).value() > 3);
+}
+
+TEST_CASE("edges along the motion need no events") {
+  Walk seen, hidden;
+  for (int i = 0; i < 3; ++i) {
+    CHECK(seen.go({4, 0}, {0, 800, 0, 800}).value() < 0);
+    hidden.go({4, 0}, {0, 800, 0, 800});
+  }
+  CHECK(hidden.go({4, 0}, {0, 800, 0, 0}).value() > 0);
+}
+
+TEST_CASE("an edge on a side that is turned away is not missed") {
+  Walk walk;
+  walk.model.segments[3].face_normal = -Eigen::Vector3d::UnitZ();
+  walk.activity = EdgeActivity(walk.model, kFocal);
+  walk.go({0, 0}, {});
+  for (int i = 0; i < 5; ++i) CHECK(walk.go({3, 3}, {800, 800, 800, 0}).value() < 0);
+}
+
+TEST_CASE("a pose that moved without events says nothing, for no edge confirms the motion") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  CHECK(std::abs(walk.go({3, 3}, {0, 0, 0, 0}).value_or(0)) < 0.1);
+  // Forgotten on request: what came before the jump is not compared with the way after it.
+  walk.activity.restart();
+  CHECK_FALSE(walk.go({50, 50}, {}));
+  CHECK(walk.go({3, 3}, {800, 800, 800, 800}).value() < 0);
+}
+
+TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double before = walk.activity.events_per_px2();
+  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, at(nan, 0)));
+  CHECK(walk.activity.events_per_px2() == before);
+}

@@ -1,0 +1,84 @@
+#include "evmarker/tracking/found_marker.hpp"
+
+#include <doctest/doctest.h>
+
+#include "evmarker/evaluation/accuracy.hpp"
+#include "simulated.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
+
+// The pose that looks the same from infinitely far away: depths turned over.
+Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T) {
+  const Eigen::Vector3d sight = T.translation().normalized();
+  Eigen::Isometry3d other = T;
+  other.linear() = (Eigen::Matrix3d::Identity() - 2 * sight * sight.transpose()) * T.linear() *
+                   Eigen::Vector3d(1, 1, -1).asDiagonal();
+  return other;
+}
+
+MarkerDetection detection(const Eigen::Isometry3d& T, const Eigen::Isometry3d& other, bool right_one_first) {
+  MarkerDetection found{.id = 3, .t = 0, .T_camera_marker = right_one_first ? T : other};
+  found.T_camera_marker_alternative = right_one_first ? other : T;
+  return found;
+}
+
+}  // namespace
+
+TEST_CASE("of both poses the right one goes on, whichever was first") {
+  const Trajectory motion = simulated::near_motion(81);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.2, 81));
+  const UndistortionTable lines(simulated::camera);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  Eigen::Isometry3d tilted = motion(0);
+  tilted.linear() = Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitX()).toRotationMatrix() * tilted.linear();
+  for (const bool right_one_first : {true, false}) {
+    CAPTURE(right_one_first);
+    FoundMarker<KalmanUpdate> marker(lines, model, detection(motion(0), tilted, right_one_first),
+                                     {.start_search = std::nullopt});
+    AccuracyMeter meter;
+    Timestamp last = 0;
+    int back = 0, empty = 0;
+    for (const Event& event : events)
+      if (const PoseEstimate* const pose = marker.push(event)) {
+        back += pose->t < last;
+        empty += pose->id != 3 || pose->T_camera_marker.translation().z() < 0.1;
+        last = pose->t;
+        meter.add(*pose, motion(seconds(pose->t)));
+      }
+    REQUIRE(meter.tracking() > 100);
+    CHECK(meter.rotation_deg().max < 20);
+    CHECK(meter.rotation_deg().mean < 1);
+    CHECK(back == 0);
+    CHECK(empty == 0);
+  }
+}
+
+TEST_CASE("far away, where both look alike, none is called tracking before the events say which one it is") {
+  const UndistortionTable lines(simulated::camera);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  for (const std::uint64_t seed : {82u, 83u, 84u, 85u}) {
+    const Trajectory motion = trajectory::handheld(
+        {.T_center = facing_pose({0, 0, 1.5}), .amplitude_m = {0.25, 0.18, 0.25}, .frequency_hz = 1.3, .seed = seed});
+    const auto events = simulated::near_events(motion, 0.3, seed);
+    for (const bool right_one_first : {true, false}) {
+      CAPTURE(seed);
+      CAPTURE(right_one_first);
+      FoundMarker<KalmanUpdate> marker(lines, model, detection(motion(0), mirrored(motion(0)), right_one_first),
+                                       {.start_search = std::nullopt});
+      AccuracyMeter meter;
+      Timestamp first = 0;
+      for (const Event& event : events)
+        if (const PoseEstimate* const pose = marker.push(event)) {
+          if (pose->quality.state == TrackingState::tracking && first == 0) first = pose->t;
+          meter.add(*pose, motion(seconds(pose->t)));
+        }
+      REQUIRE(meter.tracking() > 1000);
+      CHECK(first < 30000);
+      CHECK(meter.rotation_deg().max < 8);
+    }
+  }
+}

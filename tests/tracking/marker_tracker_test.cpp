@@ -1,0 +1,369 @@
+#include "evmarker/tracking/marker_tracker.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/update/decoupled_update.hpp"
+#include "simulated.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+template <PoseUpdateRule Rule = KalmanUpdate>
+MarkerTracker<Rule> code_tracker(const Eigen::Isometry3d& start, const MarkerTrackerSettings<Rule>& settings = {}) {
+  return {simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()), start, settings, 7};
+}
+
+// A start as a detection would give it: some millimetres and degrees off.
+Eigen::Isometry3d detected(Eigen::Isometry3d T) {
+  T.translation() += Eigen::Vector3d(0.002, -0.001, 0.012);
+  T.linear() = so3_exp({0.02, -0.015, 0.01}) * T.linear();
+  return T;
+}
+
+}  // namespace
+
+template <PoseUpdateRule Rule>
+AccuracyMeter track(MarkerTracker<Rule> tracker, const std::vector<Event>& events, const Trajectory& motion) {
+  AccuracyMeter meter;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) meter.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
+  return meter;
+}
+
+TEST_CASE("a code marker is tracked within the paper's error by its rule, at every n, and ten times better by ours") {
+  const Trajectory motion = simulated::near_motion(41);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.6, 41));
+  REQUIRE(events.size() > 200000);
+  const Eigen::Isometry3d start = detected(motion(0));
+  for (const int n : {1, 5, 20, 100}) {
+    CAPTURE(n);
+    const AccuracyMeter papers = track(code_tracker<DecoupledUpdate>(start, {.events_per_update = n}), events, motion);
+    REQUIRE(static_cast<double>(papers.poses()) > 0.6 * static_cast<double>(events.size()) / n);
+    CHECK(papers.lost() == 0);
+    CHECK(papers.translation_mm().mean < 6);
+    CHECK(papers.rotation_deg().mean < 2.5);
+    CHECK(papers.translation_mm().max < 50);
+    CHECK(papers.coverage(600000) > 0.95);
+  }
+  for (const int n : {10, 100}) {
+    CAPTURE(n);
+    const AccuracyMeter ours = track(code_tracker(start, {.events_per_update = n}), events, motion);
+    REQUIRE(static_cast<double>(ours.poses()) > 0.6 * static_cast<double>(events.size()) / n);
+    CHECK(ours.lost() == 0);
+    CHECK(ours.translation_mm().mean < 0.4);
+    CHECK(ours.rotation_deg().mean < 0.3);
+    CHECK(ours.coverage(600000) > 0.95);
+  }
+}
+
+TEST_CASE("the outline alone is tracked too, only less well") {
+  const Trajectory motion = simulated::near_motion(42);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.2, 42));
+  const MarkerModel square = make_square_marker(simulated::kMarkerLength);
+  // The cells' events are near the outline and belong to no edge of it: evidence against a square, and rightly so.
+  const TrackHealthSettings patient{.false_alarm_rate = 1e-300};
+  const AccuracyMeter papers =
+      track(MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter ours =
+      track(MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  for (const AccuracyMeter* meter : {&papers, &ours}) {
+    REQUIRE(meter->tracking() > 200);
+    CHECK(meter->translation_mm().mean < 15);
+  }
+}
+
+TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
+  const Trajectory motion = simulated::near_motion(43);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));
+  MarkerTracker tracker = code_tracker(
+      detected(motion(0)), {.events_per_update = 100, .converging_events = 3000, .start_search = std::nullopt});
+  int poses = 0;
+  for (const Event& event : events) {
+    const auto pose = tracker.push(event);
+    if (!pose) continue;
+    ++poses;
+    CHECK(pose->quality.state == (poses < 30 ? TrackingState::converging : TrackingState::tracking));
+    CHECK(pose->id == 7);
+    CHECK(pose->t == event.t);
+    CHECK(pose->quality.matched == 100);
+    CHECK(pose->quality.offered >= 100);
+    CHECK(pose->quality.residual_px > 0);
+    CHECK(pose->quality.residual_px < 2);
+    CHECK(pose->quality.updated_t == event.t);
+    REQUIRE(pose->covariance);
+    CHECK(pose->twist);
+    CHECK(pose->edge_offset_px);
+  }
+  REQUIRE(poses > 200);
+  CHECK(tracker.estimate().quality.backtrack_t > 0);
+  CHECK(tracker.estimate().quality.backtrack_px < 5);
+}
+
+TEST_CASE("the paper's rule estimates no covariance and no velocity, and says so") {
+  const auto pose = code_tracker<DecoupledUpdate>(facing_pose({0, 0, 0.6})).estimate();
+  CHECK_FALSE(pose.covariance);
+  CHECK_FALSE(pose.twist);
+  CHECK_FALSE(pose.edge_offset_px);
+}
+
+TEST_CASE("between and after events, the pose goes on with its velocity and its covariance grows") {
+  const Trajectory motion = simulated::near_motion(48);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.3, 48));
+  MarkerTracker tracker = code_tracker(detected(motion(0)));
+  for (const Event& event : events) tracker.push(event);
+  const PoseEstimate now = tracker.estimate();
+  REQUIRE(now.quality.state == TrackingState::tracking);
+  const Timestamp later = now.t + 4000;
+  const PoseEstimate then = tracker.pose_at(later);
+  CHECK(then.t == later);
+  CHECK(then.quality.updated_t > 0);
+  CHECK(then.quality.updated_t <= now.t);
+  const Eigen::Isometry3d truth = motion(static_cast<double>(later) * 1e-6);
+  const double moved = pose_error(now.T_camera_marker, truth).translation_mm;
+  REQUIRE(moved > 1);  // it did move in the meantime
+  CHECK(pose_error(then.T_camera_marker, truth).translation_mm < 0.3 * moved);
+  CHECK(then.covariance->trace() > now.covariance->trace());
+  CHECK(tracker.pose_at(later + 100000).covariance->trace() > then.covariance->trace());
+  CHECK(tracker.estimate().T_camera_marker.matrix() == now.T_camera_marker.matrix());  // a look changes nothing
+}
+
+TEST_CASE("a copy goes on independently and alike") {
+  const Trajectory motion = simulated::near_motion(44);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.1, 44));
+  MarkerTracker original = code_tracker(motion(0));
+  for (std::size_t i = 0; i < events.size() / 2; ++i) original.push(events[i]);
+  MarkerTracker copy = original;
+  int poses = 0;
+  for (std::size_t i = events.size() / 2; i < events.size(); ++i) {
+    const auto a = original.push(events[i]);
+    const auto b = copy.push(events[i]);
+    REQUIRE((a == nullptr) == (b == nullptr));
+    if (!a) continue;
+    ++poses;
+    REQUIRE(a->T_camera_marker.matrix() == b->T_camera_marker.matrix());
+  }
+  CHECK(poses > 50);
+}
+
+TEST_CASE("foreign event types give the same poses") {
+  struct Foreign {
+    unsigned short x, y;
+    short p;
+    long long t;
+  };
+  const Trajectory motion = simulated::near_motion(45);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.05, 45));
+  MarkerTracker ours = code_tracker(motion(0)), theirs = code_tracker(motion(0));
+  int poses = 0;
+  for (const Event& event : events) {
+    poses += ours.push(event) != nullptr;
+    theirs.push(Foreign{event.x, event.y, event.p, event.t});
+  }
+  REQUIRE(poses > 20);
+  CHECK(ours.T_camera_marker().matrix() == theirs.T_camera_marker().matrix());
+}
+
+TEST_CASE_TEMPLATE("events that come together give the poses that they give one by one, bit for bit", Rule,
+                   DecoupledUpdate, KalmanUpdate) {
+  struct Foreign {
+    float x, y;
+    int p;
+    std::int64_t t;
+  };
+  const Trajectory motion = simulated::near_motion(47);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.4, 47));
+  for (std::size_t i = 1000; i < events.size(); i += 1000) events[i].x = 60000;  // off the sensor
+  const auto clutter = simulated::filtered(simulated::near_events(simulated::near_motion(48), 0.1, 48));
+  for (Event event : clutter) {  // of another marker: this one is lost
+    event.t += 400000;
+    events.push_back(event);
+  }
+  std::vector<Foreign> foreign;
+  for (const Event& event : events)
+    foreign.push_back({static_cast<float>(event.x), static_cast<float>(event.y), event.p, event.t});
+  for (const int n : {1, 4, 10, 100}) {
+    CAPTURE(n);
+    auto one_by_one = code_tracker<Rule>(detected(motion(0)), {.events_per_update = n});
+    std::vector<PoseEstimate> expected;
+    for (const Event& event : events)
+      if (const auto pose = one_by_one.push(event)) expected.push_back(*pose);
+    REQUIRE(expected.size() > 0.3 * static_cast<double>(events.size()) / n);
+    CHECK(expected.back().quality.state == TrackingState::lost);
+    for (const std::size_t together : {1u, 7u, 256u, 1000000u}) {
+      CAPTURE(together);
+      auto tracker = code_tracker<Rule>(detected(motion(0)), {.events_per_update = n});
+      std::size_t poses = 0, different = 0;
+      const auto compare = [&](const PoseEstimate& pose) {
+        const PoseEstimate& other = expected.at(poses++);
+        different += pose.t != other.t || pose.T_camera_marker.matrix() != other.T_camera_marker.matrix() ||
+                     pose.quality.state != other.quality.state || pose.covariance != other.covariance ||
+                     pose.quality.backtrack_t != other.quality.backtrack_t ||
+                     std::memcmp(&pose.quality.backtrack_rad, &other.quality.backtrack_rad, sizeof(double)) != 0;
+      };
+      for (std::size_t i = 0; i < events.size(); i += together) {
+        const std::size_t count = std::min(together, events.size() - i);
+        if (together == 7)
+          tracker.push(std::span<const Foreign>(foreign).subspan(i, count), compare);
+        else
+          tracker.push(std::span<const Event>(events).subspan(i, count), compare);
+      }
+      CHECK(poses == expected.size());
+      CHECK(different == 0);
+    }
+  }
+}
+
+TEST_CASE("what is said to stay stays, whatever the next events are") {
+  const Trajectory motion = simulated::near_motion(49);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.25, 49));
+  // Small rings, for copies, and windows that are short: ways back end often.
+  const MarkerTrackerSettings<> settings{.events_per_update = 50,
+                                         .verification = {.updates = 5, .min_events = 100, .max_events = 1024},
+                                         .health = {.false_alarm_rate = 0.05},
+                                         .converging_events = 1000,
+                                         .start_search = {}};
+  auto tracker = code_tracker(detected(motion(0)), settings);
+  const auto beside = [](Event event) {
+    event.x = static_cast<std::uint16_t>(std::min(event.x + 4, 639));
+    event.y = static_cast<std::uint16_t>(std::min(event.y + 4, 479));
+    return event;
+  };
+  int stays = 0, moves = 0, doubts = 0;
+  for (std::size_t i = 0; i + 100 < events.size(); ++i) {
+    // In the second half, a quarter of the events lie beside the edges.
+    if (i > events.size() / 2 && i % 4 == 0) events[i] = beside(events[i]);
+    tracker.push(events[i]);
+    if (i % 41 != 0) continue;
+    const std::size_t count = std::array<std::size_t, 3>{1, 9, 40}[i / 41 % 3];
+    const bool said = tracker.stays(count);
+    for (const bool worse : {false, true}) {
+      auto later = tracker;
+      for (std::size_t k = 1; k <= count; ++k) later.push(worse ? beside(events[i + k]) : events[i + k]);
+      const bool same = later.T_camera_marker().matrix() == tracker.T_camera_marker().matrix() &&
+                        later.reliable() == tracker.reliable() && later.state() == tracker.state();
+      if (said) REQUIRE(same);
+      moves += !same;
+      doubts += later.state() == tracker.state() && later.reliable() != tracker.reliable();
+    }
+    stays += said;
+  }
+  REQUIRE(tracker.state() == TrackingState::tracking);
+  CHECK(stays > 200);
+  CHECK(moves > 200);
+  CHECK(doubts >= 1);
+}
+
+TEST_CASE("events that belong to nothing are survived") {
+  MarkerTracker tracker = code_tracker(facing_pose({0, 0, 0.6}));
+  const Eigen::Matrix4d before = tracker.T_camera_marker().matrix();
+  CHECK_FALSE(tracker.push(Event{640, 10, 1, 5}));
+  CHECK_FALSE(tracker.push(Event{65535, 65535, 0, 6}));
+  CHECK_FALSE(tracker.push(Event{0, 0, 1, 7}));
+  CHECK(tracker.T_camera_marker().matrix() == before);
+  CHECK(tracker.state() == TrackingState::converging);
+}
+
+TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing after that") {
+  const Trajectory motion = simulated::near_motion(46);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.2, 46));
+  // From 0.1 s on, the marker's events are scattered over its surroundings: no edge of it is there any more.
+  std::uint64_t state = 46;
+  for (Event& event : events)
+    if (event.t > 100000) {
+      state = state * 6364136223846793005u + 1442695040888963407u;
+      event.x = static_cast<std::uint16_t>(240 + (state >> 33) % 160);
+      event.y = static_cast<std::uint16_t>(160 + (state >> 45) % 160);
+    }
+  MarkerTracker tracker = code_tracker(motion(0));
+  std::vector<PoseEstimate> poses;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) poses.push_back(*pose);
+  REQUIRE(poses.size() > 100);
+  CHECK(poses.back().quality.state == TrackingState::lost);
+  CHECK(poses.back().t > 100000);
+  CHECK(poses.back().t < 130000);
+  for (std::size_t i = 0; i + 1 < poses.size(); ++i) CHECK(poses[i].quality.state != TrackingState::lost);
+  CHECK(tracker.state() == TrackingState::lost);
+  // And before that no longer called `tracking`, from when more spoke against it than for it.
+  const auto doubtful = [](const PoseEstimate& pose) {
+    return pose.t > 100000 && pose.quality.state == TrackingState::converging;
+  };
+  REQUIRE(std::ranges::any_of(poses, doubtful));
+  for (const PoseEstimate& pose : poses)
+    if (pose.t > 50000) CHECK((pose.quality.state == TrackingState::tracking) == (pose.quality.health >= 0.5));
+}
+
+TEST_CASE("a marker that leaves the image is lost") {
+  const Trajectory motion =
+      trajectory::linear(facing_pose({0.25, 0, 0.6}, {0.1, 0.1, 0.2}), {1.2, 0, 0});  // past the right edge in 0.2 s
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.3, 47));
+  MarkerTracker tracker = code_tracker(motion(0));
+  int poses = 0;
+  bool lost = false;
+  for (const Event& event : events)
+    if (const auto pose = tracker.push(event)) {
+      ++poses;
+      lost = pose->quality.state == TrackingState::lost;
+    }
+  REQUIRE(poses > 50);
+  CHECK(lost);
+}
+
+TEST_CASE("missing events are bridged as long as the motion tells where the edges are, and then the marker is lost") {
+  const Trajectory motion = simulated::near_motion(45);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.5, 45));
+  const auto goes_on_right = [&](auto tracker, Timestamp from, Timestamp missing, double max_mm = 5) {
+    bool skipped = false;
+    AccuracyMeter after;
+    for (const Event& event : events) {
+      if (event.t >= from && event.t < from + missing) continue;
+      if (event.t >= from && !std::exchange(skipped, true)) {
+        REQUIRE(tracker.state() == TrackingState::tracking);
+        const PoseEstimate* const lost = tracker.skip(std::chrono::microseconds(missing));
+        CHECK((lost != nullptr) == (tracker.state() == TrackingState::lost));
+        if (lost != nullptr) return false;
+      }
+      const PoseEstimate* const pose = tracker.push(event);
+      if (pose && skipped) after.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
+    }
+    CHECK(after.tracking() > 100);
+    CHECK(after.lost() == 0);
+    CHECK(after.translation_mm().max < max_mm);
+    return true;
+  };
+  for (const Timestamp from : {100000, 170000, 240000, 310000, 380000}) {
+    CAPTURE(from);
+    for (const Timestamp missing : {500, 3000}) CHECK(goes_on_right(code_tracker(motion(0)), from, missing));
+    for (const Timestamp missing : {6000, 9000, 12000, 20000}) goes_on_right(code_tracker(motion(0)), from, missing);
+    for (const Timestamp missing : {40000, 80000}) CHECK(!goes_on_right(code_tracker(motion(0)), from, missing));
+    CHECK(goes_on_right(code_tracker<DecoupledUpdate>(motion(0)), from, 500, 15));
+    CHECK(!goes_on_right(code_tracker<DecoupledUpdate>(motion(0)), from, 3000));
+  }
+}
+
+TEST_CASE("what cannot work is refused by name") {
+  const auto square = make_square_marker(0.1);
+  const auto pose = facing_pose({0, 0, 0.6});
+  using Settings = MarkerTrackerSettings<DecoupledUpdate>;
+  const auto make = [&](const Settings& settings) {
+    return MarkerTracker<DecoupledUpdate>(simulated::camera, square, pose, settings);
+  };
+  CHECK_THROWS_WITH(make({.events_per_update = -1}), doctest::Contains("events_per_update is -1"));
+  CHECK_THROWS_WITH(make({.converging_events = -1}), doctest::Contains("converging_events is -1"));
+  CHECK_THROWS_WITH(make({.health = {.false_alarm_rate = 0}}), doctest::Contains("false_alarm_rate is 0"));
+  CHECK_THROWS_WITH(make({.health = {.false_alarm_rate = 0.5}}), doctest::Contains("false_alarm_rate is 0.5"));
+  CHECK_THROWS_WITH(make({.update = {.translation_gain = -2}}), doctest::Contains("translation_gain is -2"));
+  CHECK_THROWS_WITH(MarkerTracker(simulated::camera, square, facing_pose({0, 0, -1})), doctest::Contains("in front"));
+  CHECK_THROWS_WITH(MarkerTracker(simulated::camera, MarkerModel{}, pose), doctest::Contains("no segments"));
+}

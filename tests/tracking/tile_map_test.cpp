@@ -1,0 +1,91 @@
+#include "evmarker/tracking/tile_map.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "evmarker/model/camera.hpp"
+
+using Eigen::AlignedBox2d;
+using Eigen::Vector2d;
+using evmarker::Event;
+using evmarker::PinholeCamera;
+using evmarker::TileMap;
+using evmarker::UndistortionTable;
+
+namespace {
+
+const PinholeCamera kStraight{{200, 150}, 160, 160, 99.5, 74.5};
+const PinholeCamera kDistorted{{203, 149}, 150, 155,
+                               97,         71,  evmarker::BrownConradyDistortion{-0.32, 0.11, 0.001, -0.002, -0.02}};
+
+std::vector<int> asked(const TileMap& map, const Event& event) {
+  std::vector<int> markers;
+  map.for_each_at(event, [&](std::size_t i) { markers.push_back(static_cast<int>(i)); });
+  return markers;
+}
+
+Event at(int x, int y) { return {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), 1, 0}; }
+
+}  // namespace
+
+TEST_CASE("every event in a marker's reach is told to it, and few others are, as markers move") {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> place(-0.7, 0.7), size(0, 0.2), step(-0.05, 0.05);
+  for (const PinholeCamera& camera : {kStraight, kDistorted}) {
+    const UndistortionTable lines(camera);
+    TileMap map(lines);
+    std::vector<AlignedBox2d> reaches(70);  // more than there are bits
+    map.resize(reaches.size());
+    for (AlignedBox2d& reach : reaches) {
+      const Vector2d low(place(random), place(random));
+      reach = {low, low + Vector2d(size(random), size(random))};
+    }
+    long inside = 0, told = 0, pixels = 0;
+    for (int round = 0; round < 20; ++round) {
+      for (std::size_t i = 0; i < reaches.size(); ++i) {
+        reaches[i].translate(Vector2d(step(random), step(random)));
+        map.move(i, reaches[i]);
+      }
+      for (int y = 0; y < camera.sensor_size().height; ++y)
+        for (int x = 0; x < camera.sensor_size().width; ++x) {
+          const std::vector<int> markers = asked(map, at(x, y));
+          std::vector<int> times(reaches.size());
+          for (const int marker : markers) ++times[static_cast<std::size_t>(marker)];
+          for (std::size_t i = 0; i < reaches.size(); ++i) {
+            const bool reached = reaches[i].contains(Vector2d(lines(at(x, y))));
+            inside += reached;
+            if (times[i] > 1 || (reached && times[i] != 1)) FAIL_CHECK("marker " << i << " at " << x << ", " << y);
+          }
+          const auto its = [&](const AlignedBox2d& reach) { return reach.contains(Vector2d(lines(at(x, y)))); };
+          if (std::ranges::count_if(reaches, its) > 1 && !map.shared(at(x, y), lines))
+            FAIL_CHECK("not shared at " << x << ", " << y);
+          told += static_cast<long>(markers.size());
+          ++pixels;
+        }
+    }
+    REQUIRE(inside > 100000);
+    CHECK(told < 20 * pixels);  // of 70 markers that are an eighth of the image wide on average
+  }
+}
+
+TEST_CASE("a marker that may be anywhere is told everything, one that left or was never placed nothing") {
+  const UndistortionTable lines(kStraight);
+  TileMap map(lines);
+  map.resize(3);
+  CHECK(asked(map, at(100, 75)).empty());
+  const Vector2d infinity = Vector2d::Constant(std::numeric_limits<double>::infinity());
+  map.move(1, {-infinity, infinity});
+  map.move(2, {Vector2d(-0.1, -0.1), Vector2d(0.1, 0.1)});
+  CHECK(asked(map, at(100, 75)) == std::vector{1, 2});
+  CHECK(asked(map, at(0, 149)) == std::vector{1});
+  CHECK(map.shared(at(100, 75), lines));
+  CHECK_FALSE(map.shared(at(0, 149), lines));
+  map.move(2, {Vector2d(5, 5), Vector2d(6, 6)});
+  CHECK(asked(map, at(100, 75)) == std::vector{1});
+  map.resize(2);
+  CHECK(asked(map, at(100, 75)).empty());
+}

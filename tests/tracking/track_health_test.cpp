@@ -1,0 +1,281 @@
+// Poisson counts of known rates stand for the events: the truth is what they were drawn with.
+#include "evmarker/tracking/track_health.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "evmarker/simulation/trajectory.hpp"
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double kFocal = 533;
+const MarkerModel kSquare = make_square_marker(0.1);  // 89 px each side at 0.6 m
+
+Eigen::Isometry3d at(double x_px, double y_px) { return facing_pose({x_px * 0.6 / kFocal, y_px * 0.6 / kFocal, 0.6}); }
+
+// A square that moves to and fro along its diagonal by `step_px` in x and y between two judgements. A pixel that an
+// edge passes makes Poisson(`burst`) events times the edge's contrast, none of them where the edge is hidden; beside
+// the edges lie as many as make the share of matched events `share`.
+struct Scene {
+  TrackHealth health;
+  std::mt19937 random;
+  double burst = 3, share = 0.9, step_px = 1.5;
+  MarkerModel square = kSquare;
+  std::vector<double> contrast{1, 1, 1, 1};
+  double noise_per_us = 0;  // near the edges, whatever moves
+  Timestamp t = 0;
+  int steps = 0;
+  double place = 0;
+
+  explicit Scene(unsigned seed, double false_alarm_rate = 1e-6, const MarkerModel& model = kSquare)
+      : health(model, kFocal, {.false_alarm_rate = false_alarm_rate}), random(seed), square(model) {
+    health.restart(0);
+    health.judge_verification(true);
+    health.judge_edges(square, at(0, 0));
+  }
+
+  int poisson(double mean) { return mean > 0 ? std::poisson_distribution<int>(mean)(random) : 0; }
+
+  void move(Timestamp dt_us = 2000) {
+    const double swept_px2 = 89 * step_px;
+    std::vector<int> left(4, 0);
+    int matched = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const int pixels = poisson(swept_px2);
+      left[i] = poisson(pixels * burst * contrast[i]);  // clustered: the variance is burst + 1 times the mean
+      matched += left[i];
+    }
+    int near = poisson(matched * (1 - share) / share + noise_per_us * static_cast<double>(dt_us));
+    t += dt_us;
+    interleave(left, near, dt_us);
+    place += (steps++ / 40) % 2 == 0 ? step_px : -step_px;
+    if (health.edges_due()) health.judge_edges(square, at(place, place));
+  }
+
+  // As a tracker: judged whenever enough have come.
+  void interleave(std::vector<int> left, int near, Timestamp dt_us) {
+    const double total = left[0] + left[1] + left[2] + left[3] + near;
+    double done = 0;
+    while (left[0] + left[1] + left[2] + left[3] + near > 0) {
+      const int all = left[0] + left[1] + left[2] + left[3] + near;
+      int pick = std::uniform_int_distribution<int>(0, all - 1)(random);
+      ++done;
+      if (pick < near) {
+        --near;
+        health.add(MatchResult::near, 0);
+      } else {
+        pick -= near;
+        int segment = 0;
+        while (pick >= left[static_cast<std::size_t>(segment)]) pick -= left[static_cast<std::size_t>(segment++)];
+        --left[static_cast<std::size_t>(segment)];
+        health.add(MatchResult::matched, segment);
+      }
+      if (health.due()) {
+        health.judge_matches(t - dt_us + static_cast<Timestamp>(done / total * static_cast<double>(dt_us)));
+        ++blocks;
+        CHECK_FALSE(std::isnan(health.probability()));
+      }
+    }
+  }
+  long blocks = 0;
+
+  bool settle() {
+    for (int i = 0; i < 200 && !health.lost(); ++i) move();
+    return health.sure() && !health.lost();
+  }
+};
+
+}  // namespace
+
+TEST_CASE("markers that are followed are lost no oftener than stated, at any share of matched events") {
+  // A loss by chance would be seen far sooner than at one in a million: at a stated rate of 1e-3, too.
+  for (const double share : {0.7, 0.75, 0.8, 0.9, 0.98})
+    for (const double burst : {1.0, 3.0, 10.0}) {
+      CAPTURE(share);
+      CAPTURE(burst);
+      long blocks = 0;
+      int lost = 0, unsure = 0;
+      for (unsigned seed = 0; blocks < 70000; ++seed) {
+        Scene scene(seed + 1);
+        scene.share = share;
+        scene.burst = burst;
+        for (int i = 0; i < 4000 && !scene.health.lost() && scene.blocks < 70000; ++i) {
+          scene.move();
+          unsure += i > 200 && !scene.health.sure();
+        }
+        blocks += scene.blocks;
+        lost += scene.health.lost();
+        if (scene.health.lost()) MESSAGE("lost: " << to_string(scene.health.reason()) << " after " << scene.blocks);
+      }
+      MESSAGE("share " << share << ", burst " << burst << ": " << lost << " lost in " << blocks << " blocks, unsure "
+                       << unsure);
+      CHECK(lost == 0);
+    }
+}
+
+TEST_CASE("half of the edges without events are found within a few pixels of motion") {
+  for (const double burst : {1.0, 3.0, 10.0}) {
+    CAPTURE(burst);
+    double worst_px = 0;
+    for (unsigned seed = 1; seed <= 50; ++seed) {
+      Scene scene(seed);
+      scene.burst = burst;
+      REQUIRE(scene.settle());
+      scene.contrast = {1, 0.02, 1, 0.02};
+      int moves = 0;
+      while (!scene.health.lost() && moves < 100) {
+        scene.move();
+        ++moves;
+      }
+      REQUIRE(scene.health.lost());
+      CHECK(scene.health.reason() == LossReason::hidden);
+      worst_px = std::max(worst_px, moves * scene.step_px);
+    }
+    MESSAGE("burst " << burst << ": at most " << worst_px << " px");
+    CHECK(worst_px < 20);
+  }
+}
+
+TEST_CASE("events that lie anywhere near the edges lose the marker within some hundred") {
+  for (const double usual : {0.7, 0.8, 0.9, 0.98}) {
+    CAPTURE(usual);
+    int most = 0;
+    for (unsigned seed = 1; seed <= 50; ++seed) {
+      Scene scene(seed);
+      scene.share = usual;
+      scene.burst = 1;
+      REQUIRE(scene.settle());
+      std::bernoulli_distribution matches(1.0 / 3);
+      int events = 0;
+      while (!scene.health.lost() && events < 20000) {
+        scene.health.add(matches(scene.random) ? MatchResult::matched : MatchResult::near, events % 4);
+        ++events;
+        if (events % 20 == 0) ++scene.t;  // as dense as a moving marker's
+        if (scene.health.due()) scene.health.judge_matches(scene.t);
+      }
+      REQUIRE(scene.health.lost());
+      CHECK(scene.health.reason() == LossReason::inconsistent);
+      most = std::max(most, events);
+    }
+    MESSAGE("usual share " << usual << ": at most " << most << " events");
+    CHECK(most < 1000);
+  }
+}
+
+// Behind a passing object its edge held a marker's pose for 0.5 s: few events beside the edges, by time, were taken for
+// background, but none of those on the edges.
+TEST_CASE("events that lie anywhere near the edges do not speak for the marker, however slowly they come") {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    CAPTURE(seed);
+    Scene scene(seed);
+    REQUIRE(scene.settle());
+    std::bernoulli_distribution matches(1.0 / 3);
+    const auto add_anywhere = [&](Timestamp after_us) {
+      scene.t += after_us;
+      scene.health.add(matches(scene.random) ? MatchResult::matched : MatchResult::near, 0);
+      if (scene.health.due()) scene.health.judge_matches(scene.t);
+    };
+    for (int i = 0; i < 2000 && !scene.health.doubtful(); ++i) add_anywhere(0);
+    REQUIRE(scene.health.doubtful());
+    double best = 0;
+    for (int i = 0; i < 20000 && !scene.health.lost(); ++i) {
+      add_anywhere(20);  // near ones less often than is usual here
+      best = std::max(best, scene.health.probability());
+    }
+    CHECK(best < 0.75);
+  }
+}
+
+TEST_CASE("noise at a constant rate at rest is no evidence") {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    Scene scene(seed);
+    scene.noise_per_us = 0.002;  // 2000 per second near the edges
+    for (int i = 0; i < 1000; ++i) scene.move();
+    REQUIRE(scene.health.sure());
+    const double before = scene.health.probability();
+    for (int i = 0; i < 5000 && !scene.health.lost(); ++i) {  // ten seconds at rest: hardly an event on an edge
+      scene.t += 2000;
+      scene.interleave({scene.poisson(0.1), 0, scene.poisson(0.1), 0}, scene.poisson(4), 2000);
+    }
+    CHECK_FALSE(scene.health.lost());
+    CHECK(scene.health.probability() > 0.5);
+    CHECK(before > 0.9);
+  }
+}
+
+TEST_CASE("edges of very different contrast are measured by their own history") {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    CAPTURE(seed);
+    // A body of which no dark side is told: its edges need not be of one ink on one paper.
+    MarkerModel body = kSquare;
+    for (MarkerSegment& segment : body.segments) segment.dark_side.setZero();
+    Scene scene(seed, 1e-6, body);
+    scene.contrast = {2.4, 0.06, 0.8, 0.74};  // 1 on average
+    for (int i = 0; i < 2000 && !scene.health.lost(); ++i) scene.move();
+    CHECK_FALSE(scene.health.lost());
+    CHECK(scene.health.sure());
+  }
+}
+
+TEST_CASE("a pose that was moved without events is no evidence") {
+  Scene scene(1);
+  REQUIRE(scene.settle());
+  const double before = scene.health.probability();
+  for (int i = 0; i < 20; ++i) {
+    scene.place += 30;
+    scene.health.restart_edges();
+    scene.health.judge_edges(kSquare, at(scene.place, scene.place));
+  }
+  CHECK(scene.health.probability() == before);
+  for (int i = 0; i < 100; ++i) scene.move();
+  CHECK(scene.health.sure());
+}
+
+TEST_CASE("verifications and the state of things as one probability") {
+  TrackHealth health(kSquare, kFocal, {});
+  CHECK(health.probability() == 0.5);
+  CHECK_FALSE(health.sure());  // no events yet
+  CHECK_FALSE(health.lost());
+  Scene scene(3);
+  REQUIRE(scene.settle());
+  CHECK(scene.health.probability() > 0);
+  CHECK(scene.health.probability() < 1);
+  scene.health.judge_verification(true);
+  CHECK(scene.health.sure());
+  scene.health.restart(scene.t);
+  CHECK(scene.health.probability() == 0.5);
+  CHECK_FALSE(scene.health.lost());
+  for (int i = 0; i < 7; ++i) scene.health.judge_verification(false);
+  CHECK(scene.health.lost());
+  CHECK(scene.health.reason() == LossReason::verification);
+  CHECK(scene.health.probability() > 0);
+}
+
+TEST_CASE("a judgement cannot come with fewer events than are said to stay") {
+  TrackHealth health(kSquare, kFocal, {});
+  int events = 0;
+  while (!health.due()) {
+    for (const std::size_t more : {std::size_t{1}, std::size_t{9}, std::size_t{63}}) {
+      TrackHealth later = health;
+      for (std::size_t i = 0; i < more; ++i) later.add(MatchResult::near, 0);
+      CHECK(health.stays(more) == !later.due());
+    }
+    health.add(events % 2 == 0 ? MatchResult::matched : MatchResult::near, 0);
+    health.add(MatchResult::far, 0);
+    ++events;
+  }
+  CHECK(events == 64);
+}
+
+TEST_CASE("a rate that is none is refused by name") {
+  for (const double rate : {0.0, -1.0, 0.5, std::nan("")}) {
+    CAPTURE(rate);
+    CHECK_THROWS_WITH(TrackHealth(kSquare, kFocal, {.false_alarm_rate = rate}), doctest::Contains("false_alarm_rate"));
+  }
+}

@@ -1,0 +1,49 @@
+#include "evmarker/update/error_state.hpp"
+
+#include <doctest/doctest.h>
+
+#include <random>
+
+#include "evmarker/simd/wide_vectors.hpp"
+
+using evmarker::ErrorCovariance;
+using evmarker::Matrix12d;
+using evmarker::Vector12d;
+
+TEST_CASE("time that passes makes the textbook's covariance, in vectors of any width") {
+  using Vector6d = Eigen::Matrix<double, 6, 1>;
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  for (const double carried : {0.5, -0.25, 0.0}) {
+    CAPTURE(carried);
+    const double kept = 0.75;
+    const Matrix12d root = Matrix12d::NullaryExpr([&] { return normal(random); });
+    ErrorCovariance before;
+    before.xx = root * root.transpose();
+    for (Vector12d& column : before.xb) column = Vector12d::NullaryExpr([&] { return normal(random); });
+    before.bb = {{{3, 0.5}, {0.5, 2}}};
+    const Vector6d of_pose = Vector6d::LinSpaced(1, 2), of_both = Vector6d::LinSpaced(-3, 5),
+                   of_velocity = Vector6d::LinSpaced(7, 8);
+
+    Matrix12d F = Matrix12d::Identity(), Q = Matrix12d::Zero();
+    F.topRightCorner<6, 6>().diagonal().setConstant(carried);
+    F.bottomRightCorner<6, 6>() *= kept;
+    Q.diagonal() << of_pose, of_velocity;
+    Q.topRightCorner<6, 6>().diagonal() = of_both;
+    Q.bottomLeftCorner<6, 6>().diagonal() = of_both;
+    const Matrix12d expected = F * before.xx * F.transpose() + Q;
+    REQUIRE((expected - before.xx).norm() > 1);
+
+    ErrorCovariance narrow = before, wide = before;
+    narrow.predict<128>(carried, kept, of_pose, of_both, of_velocity);
+    evmarker::in_packs([&](auto bits) __attribute__((always_inline)) {
+      wide.predict<bits>(carried, kept, of_pose, of_both, of_velocity);
+    });
+    for (const ErrorCovariance& P : {narrow, wide}) {
+      CHECK((P.xx - expected).norm() < 1e-13 * expected.norm());
+      for (std::size_t b = 0; b < evmarker::kBiases; ++b)
+        CHECK((P.xb[b] - F * before.xb[b]).norm() < 1e-14 * before.xb[b].norm());
+      CHECK(P.bb == before.bb);
+    }
+  }
+}
