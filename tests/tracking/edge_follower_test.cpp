@@ -289,7 +289,7 @@ TEST_CASE("the same events give the same poses, and copies go their own ways") {
 
 TEST_CASE("a rule that takes any number of events still gets one at least") {
   CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.events_per_update = -1}),
-                       "events_per_update is -1", std::invalid_argument);
+                       "edge follower: events_per_update is -1", std::invalid_argument);
 }
 
 TEST_CASE("automatic: as many events as the edges make while they move by a tenth of a pixel") {

@@ -537,4 +537,14 @@ TEST_CASE("settings out of range are named") {
   CHECK_NOTHROW(make({.filter_window = kAutomaticWindow}));
   CHECK_THROWS_WITH(make({.filter_window = -1us}), doctest::Contains("window is -1 us"));
   CHECK_THROWS_WITH(make({.history_events = 0}), doctest::Contains("history"));
+  // Before any marker is found: `push` cannot throw for a setting.
+  CHECK_THROWS_WITH(make({.marker = {.events_per_update = -1}}), "edge follower: events_per_update is -1");
+  CHECK_THROWS_WITH(make({.marker = {.matching = {.max_distance_px = 0}}}), doctest::Contains("max_distance_px is 0"));
+  CHECK_THROWS_WITH(make({.marker = {.update = {.inflation = -1}}}),
+                    doctest::Contains("kalman update: inflation is -1"));
+  CHECK_THROWS_WITH(make({.marker = {.verification = {.every = 0}}}), "verification: every is 0");
+  CHECK_THROWS_WITH(make({.marker = {.health = {.false_alarm_rate = 1}}}), doctest::Contains("false_alarm_rate is 1"));
+  CHECK_THROWS_WITH(make({.marker = {.converging_events = -1}}), "marker tracker: converging_events is -1");
+  CHECK_THROWS_WITH(make({.marker = {.start_search = StartPoseSearchSettings{.false_alarms = 2}}}),
+                    doctest::Contains("start search: false_alarms is 2"));
 }

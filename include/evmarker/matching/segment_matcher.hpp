@@ -5,10 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/model/marker_model.hpp"
 
@@ -19,6 +18,14 @@ struct SegmentMatcherSettings {
   double end_margin_px = 0.5;  ///< how far beyond the ends of a segment the foot of an event may lie
   double ambiguity_px = 0.2;   ///< the runner-up must be this much farther than the best, or the event is discarded
 };
+
+/// @throws std::invalid_argument naming the setting that is out of range
+inline void validate(const SegmentMatcherSettings& settings) {
+  const Require require("segment matcher");
+  require(settings.max_distance_px > 0, "max_distance_px", settings.max_distance_px);
+  require(settings.end_margin_px >= 0, "end_margin_px", settings.end_margin_px);
+  require(settings.ambiguity_px >= 0, "ambiguity_px", settings.ambiguity_px);
+}
 
 /// What became of an event. `contradicting`: on an edge that moves the other way; only who knows the motion can tell.
 enum class MatchResult { matched, ambiguous, contradicting, near, far };
@@ -31,13 +38,8 @@ class SegmentMatcher {
   SegmentMatcher(MarkerModel model, double focal_length, SegmentMatcherSettings settings = {})
       : model_(std::move(model)), focal_length_(focal_length), settings_(settings) {
     validate(model_);
-    const auto require = [](bool good, const char* name, double value) {
-      if (!good) throw std::invalid_argument(std::string("segment matcher: ") + name + " is " + std::to_string(value));
-    };
-    require(std::isfinite(focal_length) && focal_length > 0, "focal length", focal_length);
-    require(settings.max_distance_px > 0, "max_distance_px", settings.max_distance_px);
-    require(settings.end_margin_px >= 0, "end_margin_px", settings.end_margin_px);
-    require(settings.ambiguity_px >= 0, "ambiguity_px", settings.ambiguity_px);
+    Require("segment matcher").positive(focal_length, "focal length");
+    validate(settings);
     segments_.resize(model_.segments.size());
     vertices_.resize(model_.vertices.size());
   }

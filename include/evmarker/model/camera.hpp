@@ -9,11 +9,10 @@
 #include <initializer_list>
 #include <limits>
 #include <numbers>
-#include <stdexcept>
-#include <string>
 #include <utility>
 #include <variant>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/events/event.hpp"
 
 namespace evmarker {
@@ -69,13 +68,11 @@ class PinholeCamera {
   /// @throws std::invalid_argument naming the parameter that is not finite or not positive
   PinholeCamera(SensorSize size, double fx, double fy, double cx, double cy, Distortion distortion = {})
       : size_(size), fx_(fx), fy_(fy), cx_(cx), cy_(cy), distortion_(distortion) {
-    const auto require = [](bool good, const char* name, double value) {
-      if (!good) throw std::invalid_argument(std::string("camera: ") + name + " is " + std::to_string(value));
-    };
+    const Require require("camera");
     require(size.width > 0, "image width", size.width);
     require(size.height > 0, "image height", size.height);
-    require(std::isfinite(fx) && fx > 0, "fx", fx);
-    require(std::isfinite(fy) && fy > 0, "fy", fy);
+    require.positive(fx, "fx");
+    require.positive(fy, "fy");
     require(std::isfinite(cx), "cx", cx);
     require(std::isfinite(cy), "cy", cy);
     using Coefficients = std::initializer_list<std::pair<const char*, double>>;

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/detection.hpp"
 #include "evmarker/events/polarity_frame.hpp"
@@ -52,9 +53,7 @@ class ArucoDetector {
       : camera_(std::move(camera)), settings_(std::move(settings)), dictionary_(make_dictionary(settings_.dictionary)) {
     evmarker::detail::require_marker_length(settings_.marker_length);
     for (const MarkerId id : settings_.ids) bits(id);
-    const auto require = [](bool good, const char* name, double value) {
-      if (!good) throw std::invalid_argument(std::string("detector: ") + name + " is " + std::to_string(value));
-    };
+    const Require require("detector");
     const auto is_share = [](double value) { return value >= 0 && value <= 1; };
     require(settings_.min_side_px >= 4 && std::isfinite(settings_.min_side_px), "min_side_px", settings_.min_side_px);
     require(is_share(settings_.min_agreement), "min_agreement", settings_.min_agreement);

@@ -11,6 +11,7 @@
 #include <optional>
 #include <utility>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/event_history.hpp"
 #include "evmarker/model/marker_model.hpp"
@@ -31,6 +32,18 @@ struct StartPoseSearchSettings {
   std::optional<std::chrono::microseconds> longest{};  ///< then it is given up; not at all if empty
 };
 
+/// @throws std::invalid_argument naming the setting that is out of range
+inline void validate(const StartPoseSearchSettings& settings) {
+  const Require require("start search");
+  const auto is_probability = [](double value) { return value > 0 && value < 1; };
+  require.positive(settings.reach_share, "reach_share");
+  require(settings.depth_share > 0 && settings.depth_share < 1, "depth_share", settings.depth_share);
+  require.positive(settings.rotation_rad, "rotation_rad");
+  require(is_probability(settings.false_alarms), "false_alarms", settings.false_alarms);
+  require(is_probability(settings.wrong_basins), "wrong_basins", settings.wrong_basins);
+  if (settings.longest) require(settings.longest->count() > 0, "longest [us]", settings.longest->count());
+}
+
 /// Counts the events near a wireframe and searches, again and again, for the pose at which they speak for its edges:
 /// all shifts, depths and turns within reach, then all six degrees of freedom in ever smaller steps. It believes a pose
 /// when noise anywhere within reach would hardly ever look as good, and no other pose does either.
@@ -44,9 +57,11 @@ class StartPoseSearch {
 
   /// @param focal_length [px]
   /// @param image the sensor, undistorted, from the principal point [px]
+  /// @throws std::invalid_argument naming the setting that is out of range
   StartPoseSearch(MarkerModel model, double focal_length, const Eigen::AlignedBox2d& image,
                   const Eigen::Isometry3d& T_rough, const StartPoseSearchSettings& settings)
       : settings_(settings), model_(std::move(model)), focal_length_(focal_length), image_(image) {
+    validate(settings);
     restart(T_rough);
   }
 

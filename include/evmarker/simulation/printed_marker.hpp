@@ -4,10 +4,10 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/model/marker_model.hpp"
 
 namespace evmarker {
@@ -55,9 +55,7 @@ class PrintedMarker {
   PrintedMarker(const CodeBits& bits, double quiet_zone_cells, double black, double white,
                 const CellShades& shades = {})
       : cells_(static_cast<int>(bits.rows()) + 2), white_(white) {
-    const auto require = [](bool good, const char* field, double value) {
-      if (!good) throw std::invalid_argument(std::string("printed marker: ") + field + " is " + std::to_string(value));
-    };
+    const Require require("printed marker");
     require(bits.rows() > 0 && bits.rows() <= kMaxCells - 4, "number of code rows", static_cast<double>(bits.rows()));
     require(bits.cols() == bits.rows(), "number of code columns", static_cast<double>(bits.cols()));
     require(std::isfinite(quiet_zone_cells) && quiet_zone_cells >= 0, "quiet_zone_cells", quiet_zone_cells);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose.hpp"
@@ -71,33 +72,29 @@ struct Scene {
 
 /// Rejects a scene that cannot be simulated, with an error that names the field.
 inline void validate(const Scene& scene) {
-  const auto require = [](bool good, const std::string& field, double value) {
-    if (!good) throw std::invalid_argument(field + " is " + std::to_string(value));
-  };
-  const auto positive = [](double v) { return std::isfinite(v) && v > 0; };
+  const Require require("scene");
   for (std::size_t i = 0; i < scene.markers.size(); ++i) {
     const auto& marker = scene.markers[i];
-    const std::string name = "scene: marker " + std::to_string(i) + ": ";
-    require(positive(marker.length), name + "length", marker.length);
-    if (!marker.T_camera_marker) throw std::invalid_argument(name + "T_camera_marker is not set");
+    const std::string name = "marker " + std::to_string(i) + ": ";
+    require.positive(marker.length, name + "length");
+    if (!marker.T_camera_marker) throw std::invalid_argument("scene: " + name + "T_camera_marker is not set");
     if (!marker.T_camera_marker(0).matrix().allFinite())
-      throw std::invalid_argument(name + "T_camera_marker is not finite at 0 s");
+      throw std::invalid_argument("scene: " + name + "T_camera_marker is not finite at 0 s");
   }
   for (std::size_t i = 0; i < scene.occluders.size(); ++i) {
     const auto& occluder = scene.occluders[i];
-    const std::string name = "scene: occluder " + std::to_string(i) + ": ";
-    if (!occluder.center_px) throw std::invalid_argument(name + "center_px is not set");
-    require(positive(occluder.half_size_px.minCoeff()), name + "half_size_px", occluder.half_size_px.minCoeff());
+    const std::string name = "occluder " + std::to_string(i) + ": ";
+    if (!occluder.center_px) throw std::invalid_argument("scene: " + name + "center_px is not set");
+    require.positive(occluder.half_size_px.minCoeff(), name + "half_size_px");
     require(occluder.half_size_px.allFinite(), name + "half_size_px", occluder.half_size_px.maxCoeff());
-    require(positive(occluder.shade), name + "shade", occluder.shade);
+    require.positive(occluder.shade, name + "shade");
     require(occluder.from_s < occluder.until_s, name + "until_s (against from_s)", occluder.until_s);
   }
   const auto& background = scene.background;
-  require(positive(background.mean), "scene: background: mean", background.mean);
-  require(std::isfinite(background.contrast) && background.contrast >= 0, "scene: background: contrast",
-          background.contrast);
-  require(positive(background.texture_size_px), "scene: background: texture_size_px", background.texture_size_px);
-  require(background.velocity_px_per_s.allFinite(), "scene: background: velocity_px_per_s",
+  require.positive(background.mean, "background: mean");
+  require.not_negative(background.contrast, "background: contrast");
+  require.positive(background.texture_size_px, "background: texture_size_px");
+  require(background.velocity_px_per_s.allFinite(), "background: velocity_px_per_s",
           background.velocity_px_per_s.sum());
 }
 

@@ -2,8 +2,8 @@
 // The simulated sensor and how finely time is cut.
 #include <cmath>
 #include <cstdint>
-#include <stdexcept>
-#include <string>
+
+#include "evmarker/base/require.hpp"
 
 namespace evmarker {
 
@@ -31,24 +31,21 @@ struct SimulatorSettings {
 /// Passes settings that make sense.
 /// @throws std::invalid_argument naming the first field that makes none
 inline const SimulatorSettings& validated(const SimulatorSettings& s) {
-  const auto require = [](double value, const char* field, bool may_be_zero) {
-    if (!std::isfinite(value) || value < 0 || (value == 0 && !may_be_zero))
-      throw std::invalid_argument(std::string("simulator: ") + field + " is " + std::to_string(value));
-  };
-  require(s.duration_s, "duration_s", true);
-  require(s.contrast_threshold_on, "contrast_threshold_on", false);
-  require(s.contrast_threshold_off, "contrast_threshold_off", false);
-  require(s.threshold_mismatch, "threshold_mismatch", true);
-  require(s.refractory_us, "refractory_us", true);
-  require(s.pixel_time_constant_us, "pixel_time_constant_us", true);
-  require(s.light_time_constant_us, "light_time_constant_us", true);
-  require(s.point_spread_px, "point_spread_px", false);
-  require(s.noise_hz_per_px, "noise_hz_per_px", true);
-  require(s.leak_hz_per_px, "leak_hz_per_px", true);
-  require(s.leak_spread, "leak_spread", true);
-  require(s.latency_jitter_us, "latency_jitter_us", true);
-  require(s.max_step_px, "max_step_px", false);
-  require(s.max_step_us, "max_step_us", false);
+  const Require require("simulator");
+  require.not_negative(s.duration_s, "duration_s");
+  require.positive(s.contrast_threshold_on, "contrast_threshold_on");
+  require.positive(s.contrast_threshold_off, "contrast_threshold_off");
+  require.not_negative(s.threshold_mismatch, "threshold_mismatch");
+  require.not_negative(s.refractory_us, "refractory_us");
+  require.not_negative(s.pixel_time_constant_us, "pixel_time_constant_us");
+  require.not_negative(s.light_time_constant_us, "light_time_constant_us");
+  require.positive(s.point_spread_px, "point_spread_px");
+  require.not_negative(s.noise_hz_per_px, "noise_hz_per_px");
+  require.not_negative(s.leak_hz_per_px, "leak_hz_per_px");
+  require.not_negative(s.leak_spread, "leak_spread");
+  require.not_negative(s.latency_jitter_us, "latency_jitter_us");
+  require.positive(s.max_step_px, "max_step_px");
+  require.positive(s.max_step_us, "max_step_us");
   return s;
 }
 

@@ -7,11 +7,10 @@
 #include <cstdint>
 #include <functional>
 #include <numbers>
-#include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simulation/random.hpp"
 
@@ -36,9 +35,7 @@ namespace trajectory {
 
 namespace detail {
 
-inline void require(bool good, const char* field, double value) {
-  if (!good) throw std::invalid_argument(std::string("trajectory: ") + field + " is " + std::to_string(value));
-}
+inline constexpr Require require("trajectory");
 
 inline void require_finite(const Eigen::Isometry3d& T) {
   require(T.matrix().allFinite(), "an element of the pose", std::nan(""));

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/matching/lattice_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/update/pose_update.hpp"
@@ -29,6 +30,17 @@ struct EdgeFollowerSettings {
   bool polarity_check = false;
   double polarity_check_px_s = 50;  ///< slower edges may be about to turn back: not checked [px/s along the normal]
 };
+
+/// @throws std::invalid_argument naming the setting that is out of range
+template <PoseUpdateRule Rule>
+void validate(const EdgeFollowerSettings<Rule>& settings) {
+  const Require require("edge follower");
+  require(settings.events_per_update >= 1 || settings.events_per_update == kAutomatic, "events_per_update",
+          settings.events_per_update);
+  require(settings.polarity_check_px_s >= 0, "polarity_check_px_s", settings.polarity_check_px_s);
+  validate(settings.matching);
+  (void)Rule(settings.update, 1);  // which validates its own
+}
 
 /// What one update rested on.
 struct UpdateStatistics {
@@ -55,10 +67,7 @@ class EdgeFollower {
         polarity_check_(settings.polarity_check),
         polarity_check_px_s_(settings.polarity_check_px_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
-    if (events_per_update_ < 1)
-      throw std::invalid_argument("events_per_update is " + std::to_string(events_per_update_));
-    if (!(polarity_check_px_s_ >= 0))
-      throw std::invalid_argument("polarity_check_px_s is " + std::to_string(polarity_check_px_s_));
+    validate(settings);
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     for (const MarkerSegment& segment : matcher_.model().segments)

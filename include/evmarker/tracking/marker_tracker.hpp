@@ -9,11 +9,10 @@
 #include <optional>
 #include <ranges>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <tuple>
 #include <utility>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/pose.hpp"
 #include "evmarker/model/undistortion_table.hpp"
@@ -39,6 +38,22 @@ struct MarkerTrackerSettings {
   std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
 };
 
+template <PoseUpdateRule Rule>
+EdgeFollowerSettings<Rule> of_follower(const MarkerTrackerSettings<Rule>& settings) {
+  return {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
+          settings.polarity_check_px_s};
+}
+
+/// @throws std::invalid_argument naming the setting that is out of range
+template <PoseUpdateRule Rule>
+void validate(const MarkerTrackerSettings<Rule>& settings) {
+  validate(of_follower(settings));
+  validate(settings.verification);
+  validate(settings.health);
+  if (settings.start_search) validate(*settings.start_search);
+  Require("marker tracker")(settings.converging_events >= 0, "converging_events", settings.converging_events);
+}
+
 /// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
 template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
@@ -55,14 +70,11 @@ class MarkerTracker {
                 const Settings& settings = {}, MarkerId id = 0)
       : settings_(settings),
         lines_(camera),
-        follower_(std::move(model), lines_.focal_length(), T_camera_marker,
-                  {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
-                   settings.polarity_check_px_s}),
+        follower_(std::move(model), lines_.focal_length(), T_camera_marker, of_follower(settings)),
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_.focal_length(), settings.health),
         centre_(centre(follower_.matcher().model())) {
-    if (settings.converging_events < 0)
-      throw std::invalid_argument("converging_events is " + std::to_string(settings.converging_events));
+    validate(settings);
     pose_.id = id;
     if (settings.start_search) {
       const Eigen::AlignedBox2d image(lines_.focal_length() * lines_.low(), lines_.focal_length() * lines_.high());

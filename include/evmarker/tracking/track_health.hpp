@@ -4,9 +4,8 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <stdexcept>
-#include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose.hpp"
 #include "evmarker/tracking/edge_activity.hpp"
@@ -19,6 +18,12 @@ struct TrackHealthSettings {
   double false_alarm_rate = 1e-6;
 };
 
+/// @throws std::invalid_argument naming the setting that is out of range
+inline void validate(const TrackHealthSettings& settings) {
+  Require("track health")(settings.false_alarm_rate > 0 && settings.false_alarm_rate < 0.1, "false_alarm_rate",
+                          settings.false_alarm_rate);
+}
+
 /// How likely it is that a marker is where its tracker says, and why not if not: whether events near it lie on its
 /// edges, whether every edge makes the events that it used to make, and what verification says. For each of these,
 /// log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence it takes
@@ -29,8 +34,7 @@ class TrackHealth {
   /// @throws std::invalid_argument naming the setting that is out of range
   TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings)
       : bound_(-std::log(settings.false_alarm_rate) / 2), activity_(model, focal_length) {
-    if (!(settings.false_alarm_rate > 0 && settings.false_alarm_rate < 0.1))
-      throw std::invalid_argument("track health: false_alarm_rate is " + std::to_string(settings.false_alarm_rate));
+    validate(settings);
     restart(0);
   }
 

@@ -3,9 +3,8 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <stdexcept>
-#include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 
@@ -32,14 +31,13 @@ struct TrackerSettings {
 /// @throws std::invalid_argument naming the setting that is out of range
 template <PoseUpdateRule Rule>
 void validate(const TrackerSettings<Rule>& settings) {
-  const auto require = [](bool good, const char* name, auto value) {
-    if (!good) throw std::invalid_argument(std::string("tracker: ") + name + " is " + std::to_string(value));
-  };
+  const Require require("tracker");
   require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
   require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
   require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
   require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
   require(settings.max_markers > 0, "max_markers", settings.max_markers);
+  validate(settings.marker);  // here, and not when the first marker is found
 }
 
 /// What happened to the events so far.

@@ -4,11 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <stdexcept>
-#include <string>
 #include <tuple>
 #include <utility>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/events/event_history.hpp"
 #include "evmarker/model/undistortion_table.hpp"
@@ -26,6 +25,16 @@ struct VerificationSettings {
   std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
   std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
 };
+
+/// @throws std::invalid_argument naming the setting that is out of range
+inline void validate(const VerificationSettings& settings) {
+  const Require require("verification");
+  require(settings.updates >= 1, "updates", settings.updates);
+  require(settings.every >= 1, "every", settings.every);
+  require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
+  require(settings.max_rotation_rad >= 0, "max_rotation_rad", settings.max_rotation_rad);
+  require(settings.max_events >= 1, "max_events", settings.max_events);
+}
 
 /// How long the way forward is that is gone back. Brief: only until there are so many events that a way back says
 /// anything, for a tracker that has not been verified yet.
@@ -65,13 +74,7 @@ class Verification {
         past_(settings.max_events),
         backward_(forward),
         T_start_(forward.T_camera_marker()) {
-    const auto require = [](bool good, const char* name, double value) {
-      if (!good) throw std::invalid_argument(std::string("verification: ") + name + " is " + std::to_string(value));
-    };
-    require(settings.updates >= 1, "updates", settings.updates);
-    require(settings.every >= 1, "every", settings.every);
-    require(settings.max_translation_px > 0, "max_translation_px", settings.max_translation_px);
-    require(settings.max_rotation_rad >= 0, "max_rotation_rad", settings.max_rotation_rad);
+    validate(settings);
     const MarkerModel& model = forward.matcher().model();
     for (const Eigen::Vector3d& vertex : model.vertices)
       size_m_ = std::max(size_m_, 2 * (vertex - centre(model)).lpNorm<Eigen::Infinity>());

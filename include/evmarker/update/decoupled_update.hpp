@@ -5,9 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <stdexcept>
-#include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
 #include "evmarker/update/pose_update.hpp"
@@ -48,18 +47,13 @@ class DecoupledUpdate {
 
   /// @throws std::invalid_argument naming the setting and its value
   DecoupledUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
-    if (events_per_update < 1)
-      throw std::invalid_argument("decoupled update: events_per_update is " + std::to_string(events_per_update));
+    const Require require("decoupled update");
+    require(events_per_update >= 1, "events_per_update", events_per_update);
     set_events_per_update(events_per_update);
-    const auto require = [](bool good, const char* name, double value) {
-      if (!good) throw std::invalid_argument(std::string("decoupled update: ") + name + " is " + std::to_string(value));
-    };
-    const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
-    const double w0 = weight_, unit = settings_.torque_length_unit_m;
-    require(positive(w0) && w0 <= 1, "averaging_weight", w0);
-    require(positive(settings_.translation_gain), "translation_gain", settings_.translation_gain);
-    require(positive(settings_.rotation_gain), "rotation_gain", settings_.rotation_gain);
-    require(unit == 0 || positive(unit), "torque_length_unit_m", unit);
+    require(weight_ > 0 && weight_ <= 1, "averaging_weight", weight_);
+    require.positive(settings_.translation_gain, "translation_gain");
+    require.positive(settings_.rotation_gain, "rotation_gain");
+    require.not_negative(settings_.torque_length_unit_m, "torque_length_unit_m");
   }
 
   void set_events_per_update(int events) noexcept {

@@ -6,9 +6,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
-#include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
@@ -27,30 +26,27 @@ class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
 
+  /// @throws std::invalid_argument naming the setting and its value
   KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
     set_events_per_update(events_per_update);
-    const auto require = [](double value, const char* name) {
-      if (!(std::isfinite(value) && value > 0))
-        throw std::invalid_argument(std::string("kalman update: ") + name + " is " + std::to_string(value));
-    };
-    require(settings.inflation, "inflation");
-    require(settings.robust_px, "robust_px");
-    require(settings.acceleration_noise, "acceleration_noise");
-    require(settings.turning_distance_m, "turning_distance_m");
-    require(settings.rotation_share, "rotation_share");
-    require(settings.velocity_memory_s, "velocity_memory_s");
-    require(settings.offset_drift_px, "offset_drift_px");
-    require(settings.latency_sigma_s, "latency_sigma_s");
-    require(settings.trail_sigma_px, "trail_sigma_px");
-    require(settings.covariance_scale, "covariance_scale");
-    require(settings.initial_sigma_t_m, "initial_sigma_t_m");
-    require(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
-    require(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
-    require(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
-    require(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
-    require(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
-    if (events_per_update < 1)
-      throw std::invalid_argument("kalman update: events_per_update is " + std::to_string(events_per_update));
+    const Require require("kalman update");
+    require(events_per_update >= 1, "events_per_update", events_per_update);
+    require.positive(settings.inflation, "inflation");
+    require.positive(settings.robust_px, "robust_px");
+    require.positive(settings.acceleration_noise, "acceleration_noise");
+    require.positive(settings.turning_distance_m, "turning_distance_m");
+    require.positive(settings.rotation_share, "rotation_share");
+    require.positive(settings.velocity_memory_s, "velocity_memory_s");
+    require.positive(settings.offset_drift_px, "offset_drift_px");
+    require.positive(settings.latency_sigma_s, "latency_sigma_s");
+    require.positive(settings.trail_sigma_px, "trail_sigma_px");
+    require.positive(settings.covariance_scale, "covariance_scale");
+    require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
+    require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
+    require.positive(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
+    require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
+    require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
+    require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
     P_.xx.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)),
         Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
