@@ -6,7 +6,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
-#include "evmarker/tracking/marker_tracker.hpp"
+#include "evmarker/tracking/marker_tracker_settings.hpp"
 
 namespace evmarker {
 
