@@ -294,7 +294,7 @@ inline void add_nees(TagsVerdict& verdict, const PoseEstimate& pose, const Eigen
   constexpr double kAcross = 1e-4, kDepth = 3e-4, kTurn = 0.08 * std::numbers::pi / 180;
   board << kAcross, kAcross, kDepth, kTurn, kTurn, kTurn;
   Matrix6d J = Matrix6d::Identity();
-  J.topRightCorner<3, 3>() = -skew(lever);
+  J.topRightCorner<3, 3>() << 0, lever.z(), -lever.y(), -lever.z(), 0, lever.x(), lever.y(), -lever.x(), 0;
   verdict.exact.add(error, *pose.covariance);
   verdict.fit.add(error, *pose.covariance + J * board.cwiseAbs2().asDiagonal() * J.transpose());
 }

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "evmarker/matching/lattice_matcher.hpp"
+#include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "recording.hpp"
@@ -43,4 +43,4 @@ static void match(benchmark::State& state) {
   state.counters["matched"] = static_cast<double>(matched) / static_cast<double>(events);
 }
 BENCHMARK(match<SegmentMatcher>)->Name("match/segments:18")->Unit(benchmark::kMillisecond);
-BENCHMARK(match<LatticeMatcher>)->Name("match/lattice")->Unit(benchmark::kMillisecond);
+BENCHMARK(match<GridMatcher>)->Name("match/grid")->Unit(benchmark::kMillisecond);

@@ -10,6 +10,7 @@
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/model/information.hpp"
 #include "evmarker/model/pose.hpp"
 #include "scenarios.hpp"
 

@@ -39,13 +39,14 @@ std::vector<Vector3d> axes() {
   return result;
 }
 
-}  // namespace
-
-TEST_CASE("skew is the cross product") {
-  const Vector3d a(1, -2, 3), b(0.5, 4, -1);
-  CHECK((evmarker::skew(a) * b - Vector3d(-2 * -1 - 3 * 4, 3 * 0.5 - 1 * -1, 1 * 4 - -2 * 0.5)).norm() < 1e-15);
-  CHECK((evmarker::skew(a) + evmarker::skew(a).transpose()).norm() == 0);
+Matrix3d orthonormalized(const Matrix3d& R) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = R;
+  evmarker::orthonormalize(T);
+  return T.linear();
 }
+
+}  // namespace
 
 TEST_CASE("exp agrees with its power series and with quaternions") {
   for (const Vector3d& axis : axes())
@@ -156,10 +157,22 @@ TEST_CASE("a matrix slightly off SO(3) comes back to the nearest rotation") {
     const Eigen::JacobiSVD<Matrix3d> svd(off, Eigen::ComputeFullU | Eigen::ComputeFullV);
     const Matrix3d nearest = svd.matrixU() * svd.matrixV().transpose();
     REQUIRE((off - nearest).norm() > 1e-7);
-    CHECK((evmarker::orthonormalized(off) - nearest).norm() < 1e-10);
+    CHECK((orthonormalized(off) - nearest).norm() < 1e-10);
   }
-  CHECK((evmarker::orthonormalized(so3_exp({1, 2, 3})) - so3_exp({1, 2, 3})).norm() < 1e-15);
-  Matrix3d R = Matrix3d::Identity();
-  for (int i = 0; i < 100000; ++i) R = evmarker::orthonormalized(so3_exp({1e-2, 2e-2, -1e-2}) * R);
-  CHECK((R.transpose() * R - Matrix3d::Identity()).norm() < 1e-14);
+  CHECK((orthonormalized(so3_exp({1, 2, 3})) - so3_exp({1, 2, 3})).norm() < 1e-15);
+}
+
+TEST_CASE("many turns in place are one, and stay a rotation") {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() << 1, 2, 3;
+  const Vector3d step(1e-2, 2e-2, -1e-2);
+  evmarker::turn(T, step);
+  CHECK((T.linear() - so3_exp(step)).norm() < 1e-15);
+  for (int i = 1; i < 100000; ++i) {
+    evmarker::turn(T, step);
+    evmarker::orthonormalize(T);
+  }
+  CHECK((T.linear() - so3_exp(100000 * step)).norm() < 1e-9);
+  CHECK((T.linear().transpose() * T.linear() - Matrix3d::Identity()).norm() < 1e-14);
+  CHECK(T.translation() == Vector3d(1, 2, 3));
 }

@@ -99,7 +99,7 @@ TEST_CASE("each of the 8 neighbours supports, in every corner, on every border a
           CHECK(filter.accept(event_at(x, y, 1001)) == neighbour);
           supported += neighbour;
         }
-  CHECK(supported == 2 * (4 * 4 + 3 * 5 + 2 * 3 * 4));  // pairs of a 5 x 4 lattice: right, down, two diagonals
+  CHECK(supported == 2 * (4 * 4 + 3 * 5 + 2 * 3 * 4));  // pairs of a 5 x 4 grid: right, down, two diagonals
 }
 
 TEST_CASE("a sensor of one pixel, one row or one column works") {

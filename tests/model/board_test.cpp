@@ -10,7 +10,7 @@
 
 #include "evmarker/detection/board_detector.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
-#include "evmarker/matching/lattice_matcher.hpp"
+#include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/tracking/tracker.hpp"
@@ -183,10 +183,10 @@ TEST_CASE("edges on a side that is turned away match no event, and those that ar
   CHECK(matcher.match((front * on_outline).hnormalized(), c) == MatchResult::matched);
   CHECK_FALSE(matcher.project(back));
   CHECK(matcher.match((back * on_outline).hnormalized(), c) == MatchResult::far);
-  LatticeMatcher lattice(code, f);
-  CHECK(lattice.project(front));
-  CHECK_FALSE(lattice.project(back));
-  CHECK(lattice.match((back * on_outline).hnormalized(), c) == MatchResult::far);
+  GridMatcher grid(code, f);
+  CHECK(grid.project(front));
+  CHECK_FALSE(grid.project(back));
+  CHECK(grid.match((back * on_outline).hnormalized(), c) == MatchResult::far);
 
   for (MarkerSegment& segment : code.segments) segment.face_normal.setZero();
   SegmentMatcher see_through(code, f);

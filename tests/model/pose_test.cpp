@@ -7,6 +7,8 @@
 #include <random>
 #include <string>
 
+#include "evmarker/model/information.hpp"
+
 using evmarker::information;
 using evmarker::Matrix6d;
 using evmarker::PoseEstimate;

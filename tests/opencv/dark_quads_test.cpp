@@ -45,7 +45,7 @@ double nearest(const std::vector<opencv::DarkQuad>& found, const Quad& quad) {
     for (std::size_t turn = 0; turn < 4; ++turn) {
       double farthest = 0;
       for (std::size_t i = 0; i < 4; ++i)
-        farthest = std::max(farthest, (candidate.corners[(i + turn) % 4] - quad[i]).norm());
+        farthest = std::max(farthest, norm(candidate.corners[(i + turn) % 4] - quad[i]));
       best = std::min(best, farthest);
     }
   return best;
@@ -72,7 +72,7 @@ TEST_CASE("whiskers, a bite and a neighbour that hangs on do not hide it") {
   cv::Mat_<uchar> mask = drawn(quad);
   cv::line(mask, {190, 80}, {300, 10}, 255, 1);
   cv::line(mask, {110, 150}, {20, 220}, 255, 2);
-  cv::circle(mask, {cvRound((quad[0] + quad[1]).x() / 2), cvRound((quad[0] + quad[1]).y() / 2)}, 8, 0, -1);
+  cv::circle(mask, {cvRound((quad[0].x + quad[1].x) / 2), cvRound((quad[0].y + quad[1].y) / 2)}, 8, 0, -1);
   cv::rectangle(mask, cv::Rect(10, 60, 60, 60), 255, -1);
   cv::line(mask, {40, 90}, {120, 100}, 255, 4);
   CHECK(nearest(find_dark_quads(mask, 15), quad) < 2);

@@ -8,11 +8,9 @@ using namespace evmarker;
 
 namespace {
 
-const Eigen::AlignedBox2d kImage(Eigen::Vector2d(-320, -240), Eigen::Vector2d(319, 239));
+const Box kImage{{-320, -240}, {319, 239}};
 
-Eigen::AlignedBox2d box(double left, double top, double right, double bottom) {
-  return {Eigen::Vector2d(left, top), Eigen::Vector2d(right, bottom)};
-}
+Box box(double left, double top, double right, double bottom) { return {{left, top}, {right, bottom}}; }
 
 }  // namespace
 

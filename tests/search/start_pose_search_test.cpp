@@ -90,7 +90,7 @@ struct Sketch {
   }
 
   StartPoseSearch search_from(const Eigen::Isometry3d& T_rough, const StartPoseSearchSettings& settings = {}) const {
-    return {model, focal_length(), Eigen::AlignedBox2d(-centre(), centre()), T_rough, settings};
+    return {model, focal_length(), Box{-centre(), centre()}, T_rough, settings};
   }
 
   // Off by two thirds of what is within reach, this way or that; in depth along its line of sight.
@@ -343,7 +343,7 @@ std::pair<int, double> found_from(const Camera& camera, const MarkerModel& model
   const double f = lines.focal_length();
   std::vector<double> times;
   for (const Start& start : starts) {
-    StartPoseSearch search(model, f, Eigen::AlignedBox2d(f * lines.low(), f * lines.high()), start.T, {});
+    StartPoseSearch search(model, f, Box{f * lines.image().low, f * lines.image().high}, start.T, {});
     for (auto event = std::ranges::lower_bound(events, static_cast<Timestamp>(start.t_us), {}, &Event::t);
          event != events.end() && search.searching() && static_cast<double>(event->t) < start.t_us + 1e6; ++event)
       if (search.push(*event, f * lines(*event))) times.push_back((static_cast<double>(event->t) - start.t_us) * 1e-6);

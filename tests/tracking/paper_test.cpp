@@ -18,12 +18,12 @@ using Eigen::Vector3d;
 TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth is known on every line of sight") {
   ::Random random(12);
   constexpr double kLength = 0.06, kFocalLength = 533, kReach_px = 2;
-  LatticeMatcher matcher(make_code_marker(kLength, simulated::code()), kFocalLength);
+  GridMatcher matcher(make_code_marker(kLength, simulated::code()), kFocalLength);
   int on = 0, beside = 0, far = 0;
   for (int i = 0; i < 200; ++i) {
     const Isometry3d T = random_pose(random, 0.4, 0.8);
-    if (!matcher.project(T) || !matcher.on_lattice()) continue;
-    const Eigen::AlignedBox2d reach = matcher.reach(kPaperRim);
+    if (!matcher.project(T) || !matcher.on_grid()) continue;
+    const Box reach = matcher.reach(kPaperRim);
     for (int k = 0; k < 50; ++k) {
       const Vector3d point(kLength * random(-1.5, 1.5), kLength * random(-1.5, 1.5), 0), seen = T * point;
       if (!(seen.z() > 0)) continue;
@@ -41,7 +41,7 @@ TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth
     }
   }
   REQUIRE(std::min({on, beside, far}) > 500);
-  LatticeMatcher outline(make_square_marker(kLength), kFocalLength);
+  GridMatcher outline(make_square_marker(kLength), kFocalLength);
   Isometry3d facing = Isometry3d::Identity();
   facing.linear() = Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitX()).toRotationMatrix();
   facing.translation() = Vector3d(0, 0, 0.4);

@@ -9,12 +9,12 @@
 
 #include "evmarker/model/camera.hpp"
 
-using Eigen::AlignedBox2d;
-using Eigen::Vector2d;
+using evmarker::Box;
 using evmarker::Event;
 using evmarker::PinholeCamera;
 using evmarker::TileMap;
 using evmarker::UndistortionTable;
+using evmarker::Vec2;
 
 namespace {
 
@@ -38,16 +38,17 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
   for (const PinholeCamera& camera : {kStraight, kDistorted}) {
     const UndistortionTable lines(camera);
     TileMap map(lines);
-    std::vector<AlignedBox2d> reaches(70);  // more than there are bits
+    std::vector<Box> reaches(70);  // more than there are bits
     map.resize(reaches.size());
-    for (AlignedBox2d& reach : reaches) {
-      const Vector2d low(place(random), place(random));
-      reach = {low, low + Vector2d(size(random), size(random))};
+    for (Box& reach : reaches) {
+      const Vec2 low(place(random), place(random));
+      reach = {low, low + Vec2(size(random), size(random))};
     }
     long inside = 0, told = 0, pixels = 0;
     for (int round = 0; round < 20; ++round) {
       for (std::size_t i = 0; i < reaches.size(); ++i) {
-        reaches[i].translate(Vector2d(step(random), step(random)));
+        const Vec2 moved(step(random), step(random));
+        reaches[i] = {reaches[i].low + moved, reaches[i].high + moved};
         map.move(i, reaches[i]);
       }
       for (int y = 0; y < camera.sensor_size().height; ++y)
@@ -56,11 +57,11 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
           std::vector<int> times(reaches.size());
           for (const int marker : markers) ++times[static_cast<std::size_t>(marker)];
           for (std::size_t i = 0; i < reaches.size(); ++i) {
-            const bool reached = reaches[i].contains(Vector2d(lines(at(x, y))));
+            const bool reached = reaches[i].contains(lines(at(x, y)));
             inside += reached;
             if (times[i] > 1 || (reached && times[i] != 1)) FAIL_CHECK("marker " << i << " at " << x << ", " << y);
           }
-          const auto its = [&](const AlignedBox2d& reach) { return reach.contains(Vector2d(lines(at(x, y)))); };
+          const auto its = [&](const Box& reach) { return reach.contains(lines(at(x, y))); };
           if (std::ranges::count_if(reaches, its) > 1 && !map.shared(at(x, y), lines))
             FAIL_CHECK("not shared at " << x << ", " << y);
           told += static_cast<long>(markers.size());
@@ -77,14 +78,13 @@ TEST_CASE("a marker that may be anywhere is told everything, one that left or wa
   TileMap map(lines);
   map.resize(3);
   CHECK(asked(map, at(100, 75)).empty());
-  const Vector2d infinity = Vector2d::Constant(std::numeric_limits<double>::infinity());
-  map.move(1, {-infinity, infinity});
-  map.move(2, {Vector2d(-0.1, -0.1), Vector2d(0.1, 0.1)});
+  map.move(1, Box::everywhere());
+  map.move(2, {{-0.1, -0.1}, {0.1, 0.1}});
   CHECK(asked(map, at(100, 75)) == std::vector{1, 2});
   CHECK(asked(map, at(0, 149)) == std::vector{1});
   CHECK(map.shared(at(100, 75), lines));
   CHECK_FALSE(map.shared(at(0, 149), lines));
-  map.move(2, {Vector2d(5, 5), Vector2d(6, 6)});
+  map.move(2, {{5, 5}, {6, 6}});
   CHECK(asked(map, at(100, 75)) == std::vector{1});
   map.resize(2);
   CHECK(asked(map, at(100, 75)).empty());

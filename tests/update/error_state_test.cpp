@@ -8,6 +8,7 @@
 
 using evmarker::ErrorCovariance;
 using evmarker::Matrix12d;
+using evmarker::MotionStep;
 using evmarker::Vector12d;
 
 TEST_CASE("time that passes makes the textbook's covariance, in vectors of any width") {
@@ -22,23 +23,22 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
     before.xx = root * root.transpose();
     for (Vector12d& column : before.xb) column = Vector12d::NullaryExpr([&] { return normal(random); });
     before.bb = {{{3, 0.5}, {0.5, 2}}};
-    const Vector6d of_pose = Vector6d::LinSpaced(1, 2), of_both = Vector6d::LinSpaced(-3, 5),
-                   of_velocity = Vector6d::LinSpaced(7, 8);
+    const MotionStep motion{.carried = carried, .kept = kept, .pose = 1.5, .both = -0.5, .velocity = 7};
+    const std::array<double, 6> q{1, 2, 3, 0.1, 0.2, 0.3};
+    const Vector6d density = Eigen::Map<const Vector6d>(q.data());
 
     Matrix12d F = Matrix12d::Identity(), Q = Matrix12d::Zero();
     F.topRightCorner<6, 6>().diagonal().setConstant(carried);
     F.bottomRightCorner<6, 6>() *= kept;
-    Q.diagonal() << of_pose, of_velocity;
-    Q.topRightCorner<6, 6>().diagonal() = of_both;
-    Q.bottomLeftCorner<6, 6>().diagonal() = of_both;
+    Q.diagonal() << motion.pose * density, motion.velocity * density;
+    Q.topRightCorner<6, 6>().diagonal() = motion.both * density;
+    Q.bottomLeftCorner<6, 6>().diagonal() = motion.both * density;
     const Matrix12d expected = F * before.xx * F.transpose() + Q;
     REQUIRE((expected - before.xx).norm() > 1);
 
     ErrorCovariance narrow = before, wide = before;
-    narrow.predict<128>(carried, kept, of_pose, of_both, of_velocity);
-    evmarker::in_packs([&](auto bits) __attribute__((always_inline)) {
-      wide.predict<bits>(carried, kept, of_pose, of_both, of_velocity);
-    });
+    narrow.predict<128>(motion, q);
+    evmarker::in_packs([&](auto bits) __attribute__((always_inline)) { wide.predict<bits>(motion, q); });
     for (const ErrorCovariance& P : {narrow, wide}) {
       CHECK((P.xx - expected).norm() < 1e-13 * expected.norm());
       for (std::size_t b = 0; b < evmarker::kBiases; ++b)

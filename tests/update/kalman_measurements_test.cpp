@@ -17,6 +17,14 @@ using evmarker::MeasurementRow;
 
 namespace {
 
+using Vector9d = Eigen::Matrix<double, 9, 1>;
+
+MeasurementRow measurement(const Vector9d& row) {
+  MeasurementRow result;
+  std::copy(row.begin(), row.end(), result.begin());
+  return result;
+}
+
 // Of the fourteen states [pose; biases; velocity], of which measurements tell of the first eight.
 ErrorCovariance blocks(const Eigen::MatrixXd& P) {
   ErrorCovariance result;
@@ -49,9 +57,9 @@ TEST_CASE("few or many measurements: the textbook's posterior of all fourteen st
     Eigen::VectorXd innovation(n);
     measurements.clear();
     for (int i = 0; i < n; ++i) {
-      const MeasurementRow row = matrix(9, 1);
+      const Vector9d row = matrix(9, 1);
       const double weight = 0.5 + std::abs(normal(random));
-      measurements.add(row, weight);
+      measurements.add(measurement(row), weight);
       J.row(i).head(8) = row.head<8>();
       R(i, i) = 1 / (information * weight);
       innovation(i) = row(8) - row.head<6>().dot(moved) - row.segment<2>(6).dot(biases);
@@ -81,10 +89,10 @@ TEST_CASE("few or many measurements: the textbook's posterior of all fourteen st
 
 TEST_CASE("many measurements that tell of a few directions only leave what is known of the others") {
   KalmanMeasurements measurements;
-  MeasurementRow one, two;  // both ON
+  Vector9d one, two;  // both ON
   one << 1, 2, 0, 0, 0, 3, 1, -1, 0.5;
   two << 0, 2, -1, 0, 0, 0, 1, -1, -0.25;
-  for (int i = 0; i < 30; ++i) measurements.add(i % 3 == 0 ? one : two, 2);
+  for (int i = 0; i < 30; ++i) measurements.add(measurement(i % 3 == 0 ? one : two), 2);
   ErrorCovariance P = blocks(4 * Eigen::MatrixXd::Identity(14, 14));
   ErrorState error;
   REQUIRE(measurements.correct(P, error, 1));
@@ -113,7 +121,7 @@ TEST_CASE("a covariance that is none is told, by either way, and left as it was"
   for (const int n : {1, 20}) {
     CAPTURE(n);
     KalmanMeasurements measurements;
-    for (int i = 0; i < n; ++i) measurements.add(MeasurementRow::Unit(i % 8), 1);
+    for (int i = 0; i < n; ++i) measurements.add(measurement(Vector9d::Unit(i % 8)), 1);
     const ErrorCovariance good = blocks(Eigen::MatrixXd::Identity(14, 14));
     ErrorCovariance covariance = good;
     ErrorState error;
@@ -135,9 +143,9 @@ TEST_CASE("a measurement that is none is left out of the few") {
   for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     const auto corrected = [&](bool with_bad) {
       KalmanMeasurements measurements;
-      measurements.add(MeasurementRow::Unit(0) + 0.1 * MeasurementRow::Unit(8), 1);
-      if (with_bad) measurements.add(bad * MeasurementRow::Ones(), 1);
-      measurements.add(MeasurementRow::Unit(2) + 0.2 * MeasurementRow::Unit(8), 1);
+      measurements.add(measurement(Vector9d::Unit(0) + 0.1 * Vector9d::Unit(8)), 1);
+      if (with_bad) measurements.add(measurement(bad * Vector9d::Ones()), 1);
+      measurements.add(measurement(Vector9d::Unit(2) + 0.2 * Vector9d::Unit(8)), 1);
       ErrorCovariance P = blocks(Eigen::MatrixXd::Identity(14, 14));
       ErrorState error;
       REQUIRE(measurements.correct(P, error, 1));

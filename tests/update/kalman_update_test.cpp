@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/model/information.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "simulated.hpp"

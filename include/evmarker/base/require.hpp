@@ -3,6 +3,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace evmarker {
 
@@ -13,15 +14,21 @@ class Require {
   explicit constexpr Require(const char* of) noexcept : of_(of) {}
 
   template <typename Value>
-  void operator()(bool good, const std::string& name, Value value) const {
-    if (!good) throw std::invalid_argument(std::string(of_) + ": " + name + " is " + std::to_string(value));
+  void operator()(bool good, std::string_view name, Value value) const {
+    if (!good) refuse(name, value);
   }
-  void positive(double value, const std::string& name) const { (*this)(std::isfinite(value) && value > 0, name, value); }
-  void not_negative(double value, const std::string& name) const {
+  void positive(double value, std::string_view name) const { (*this)(std::isfinite(value) && value > 0, name, value); }
+  void not_negative(double value, std::string_view name) const {
     (*this)(std::isfinite(value) && value >= 0, name, value);
   }
 
  private:
+  // Apart, so that a constructor with twenty settings does not hold twenty copies of it.
+  template <typename Value>
+  [[noreturn, gnu::noinline]] void refuse(std::string_view name, Value value) const {
+    throw std::invalid_argument(std::string(of_) + ": " + std::string(name) + " is " + std::to_string(value));
+  }
+
   const char* of_;
 };
 

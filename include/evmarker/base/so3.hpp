@@ -5,18 +5,13 @@
 #include <cmath>
 #include <numbers>
 
-namespace evmarker {
+#include "evmarker/base/vector.hpp"
 
-/// The matrix with `skew(a) * b == a x b`.
-inline Eigen::Matrix3d skew(const Eigen::Vector3d& a) {
-  Eigen::Matrix3d m;
-  m << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
-  return m;
-}
+namespace evmarker {
 
 namespace detail {
 
-/// sin(angle) / angle and (1 - cos(angle)) / angle^2: Rodrigues' formula is I + first K + second K^2, K = skew(r).
+/// sin(angle) / angle and (1 - cos(angle)) / angle^2: Rodrigues' formula is I + first K + second K^2, K b = r x b.
 struct RodriguesCoefficients {
   double first, second;
 };
@@ -32,26 +27,47 @@ inline RodriguesCoefficients rodrigues(double angle2) {
 
 }  // namespace detail
 
+/// The product of two matrices. As Eigen's, but not made anew for every kind of expression.
+inline Eigen::Matrix3d product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
+  Eigen::Matrix3d C;
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 3; ++i) C(i, k) = A(i, 0) * B(0, k) + A(i, 1) * B(1, k) + A(i, 2) * B(2, k);
+  return C;
+}
+/// The same of the first one transposed.
+inline Eigen::Matrix3d transposed_product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
+  Eigen::Matrix3d C;
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 3; ++i) C(i, k) = A(0, i) * B(0, k) + A(1, i) * B(1, k) + A(2, i) * B(2, k);
+  return C;
+}
+
 /// Rotation matrix of a rotation vector [rad] (Rodrigues' formula, exact to rounding for every angle).
-inline Eigen::Matrix3d so3_exp(const Eigen::Vector3d& r) {
-  const auto [a, b] = detail::rodrigues(r.squaredNorm());
-  const Eigen::Matrix3d k = skew(r);
-  return Eigen::Matrix3d::Identity() + a * k + b * k * k;
+inline Eigen::Matrix3d so3_exp(const Eigen::Vector3d& rotation) {
+  const Vec3 r = rotation;
+  const auto [a, b] = detail::rodrigues(squared_norm(r));
+  const Vec3 ar = a * r, br = b * r;
+  Eigen::Matrix3d R;
+  R << 1 - (br.z * r.z + br.y * r.y), br.y * r.x - ar.z, br.z * r.x + ar.y,  //
+      br.x * r.y + ar.z, 1 - (br.z * r.z + br.x * r.x), br.z * r.y - ar.x,   //
+      br.x * r.z - ar.y, br.y * r.z + ar.x, 1 - (br.y * r.y + br.x * r.x);
+  return R;
 }
 
 /// Rotation vector [rad] of a rotation matrix, its length in [0, pi].
 inline Eigen::Vector3d so3_log(const Eigen::Matrix3d& R) {
   // Through the quaternion: no loss near 0 and none near pi, where the trace formula has both.
-  Eigen::Quaterniond q(R);
-  if (q.w() < 0) q.coeffs() = -q.coeffs();
-  const double n = q.vec().norm();
-  if (n < 1e-12) return 2 * q.vec();
-  return 2 * std::atan2(n, q.w()) / n * q.vec();
+  const Eigen::Quaterniond q(R);
+  const double sign = q.w() < 0 ? -1 : 1, w = sign * q.w();
+  const Vec3 v = sign * Vec3(q.x(), q.y(), q.z());
+  const double n = norm(v);
+  if (n < 1e-12) return 2 * v;
+  return 2 * std::atan2(n, w) / n * v;
 }
 
 /// Angle [rad] of the rotation from `a` to `b`, in [0, pi].
 inline double geodesic_angle(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
-  return so3_log(a.transpose() * b).norm();
+  return norm(Vec3(so3_log(transposed_product(a, b))));
 }
 
 /// Roll, pitch, yaw [rad] with `R = Rz(yaw) Ry(pitch) Rx(roll)`; pitch in [-pi/2, pi/2].
@@ -63,27 +79,36 @@ inline Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
 /// An angle [rad] moved by whole turns into [-pi, pi].
 inline double wrap_angle(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
-/// The rotation nearest to a matrix that rounding has taken slightly off SO(3): one Newton step of the polar
-/// decomposition.
-inline Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& R) {
-  return 0.5 * R * (3 * Eigen::Matrix3d::Identity() - R.transpose() * R);
+/// Whether a matrix is a rotation to within rounding, not a mirrored, scaled or skewed one.
+inline bool is_rotation(const Eigen::Matrix3d& R) {
+  constexpr double kTolerance = 1e-6;
+  const Eigen::Matrix3d square = transposed_product(R, R);
+  for (int i = 0; i < 9; ++i)
+    if (!(std::abs(square.data()[i] - (i % 4 == 0 ? 1 : 0)) <= kTolerance)) return false;
+  const Vec3 x(R(0, 0), R(1, 0), R(2, 0)), y(R(0, 1), R(1, 1), R(2, 1)), z(R(0, 2), R(1, 2), R(2, 2));
+  return dot(cross(x, y), z) > 0;
 }
 
-/// `so3_exp(r) * R`, without a matrix for the turn.
-inline Eigen::Matrix3d turned(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
-  const auto [a, b] = detail::rodrigues(r.squaredNorm());
-  Eigen::Matrix3d result;
+// Both in place and by columns: through other matrices, numbers would be read in pairs that were not written as pairs,
+// and wait until they have left for memory.
+
+/// Turns a frame about its own origin: R becomes so3_exp(r) R.
+inline void turn(Eigen::Isometry3d& T, Vec3 r) noexcept {
+  const auto [a, b] = detail::rodrigues(squared_norm(r));
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector3d moved = r.cross(R.col(i));
-    result.col(i) = R.col(i) + a * moved + b * r.cross(moved);
+    const Vec3 column = axis(T, i), moved = cross(r, column);
+    set_axis(T, i, column + a * moved + b * cross(r, moved));
   }
-  return result;
 }
 
-/// The same for a step of many: rounding errors do not add up. The rotation is made orthonormal before the turn, not
-/// after it, so that who waits for the step does not wait for that.
-inline Eigen::Matrix3d rotated(const Eigen::Matrix3d& R, const Eigen::Vector3d& r) {
-  return turned(orthonormalized(R), r);
+/// Brings a rotation back to SO(3) that rounding has taken slightly off it: one Newton step of the polar decomposition,
+/// R becomes R (3 I - R^T R) / 2.
+inline void orthonormalize(Eigen::Isometry3d& T) noexcept {
+  const Vec3 x = axis(T, 0), y = axis(T, 1), z = axis(T, 2);
+  const double xy = dot(x, y), yz = dot(y, z), zx = dot(z, x);
+  set_axis(T, 0, 0.5 * ((3 - dot(x, x)) * x - xy * y - zx * z));
+  set_axis(T, 1, 0.5 * ((3 - dot(y, y)) * y - xy * x - yz * z));
+  set_axis(T, 2, 0.5 * ((3 - dot(z, z)) * z - zx * x - yz * y));
 }
 
 }  // namespace evmarker

@@ -1,8 +1,6 @@
 #pragma once
 // Finds boards by their markers.
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/board_check.hpp"
 #include "evmarker/detection/detection.hpp"
@@ -82,8 +81,8 @@ class BoardDetector {
     const BoardMarker* marker;
     Timestamp t;
     std::vector<Eigen::Isometry3d> T_camera_board;  // by this marker alone: the likelier pose, and the other
-    std::array<Eigen::Vector3d, 4> corners;         // board frame [m]
-    std::array<Eigen::Vector2d, 4> seen;            // the corners on the plane z = 1
+    std::array<Vec3, 4> corners;                    // board frame [m]
+    std::array<Vec2, 4> seen;                       // the corners on the plane z = 1
   };
   struct Fit {
     Eigen::Isometry3d T_camera_board;
@@ -114,7 +113,7 @@ class BoardDetector {
     for (const Eigen::Vector3d& vertex : detector_.model(marker.id).vertices)
       assumed = std::max(assumed, 2 * std::abs(vertex.x()));
     const auto T_camera_marker = [&](Eigen::Isometry3d T) {
-      T.translation() *= marker.length / assumed;
+      set_translation(T, marker.length / assumed * translation(T));
       return T;
     };
     Sighting s{target, &marker, detection.t, {}, {}, {}};
@@ -124,8 +123,8 @@ class BoardDetector {
       s.T_camera_board.push_back(T_camera_marker(*detection.T_camera_marker_alternative) * T_marker_board);
     const auto square = make_square_marker(marker.length).vertices;
     for (std::size_t i = 0; i < 4; ++i) {
-      s.corners[i] = marker.T_board_marker * square[i];
-      s.seen[i] = (s.T_camera_board[0] * s.corners[i]).hnormalized();
+      s.corners[i] = transform(marker.T_board_marker, square[i]);
+      s.seen[i] = on_plane(transform(s.T_camera_board[0], s.corners[i]));
     }
     return s;
   }
@@ -155,38 +154,44 @@ class BoardDetector {
   Fit fitted(const Eigen::Isometry3d& start, const std::vector<Sighting>& sightings) const {
     Eigen::Isometry3d T = start;
     for (int iteration = 0; iteration < 10; ++iteration) {
-      Matrix6d H = 1e-9 * Matrix6d::Identity();
+      Matrix6d H = Matrix6d::Zero();
       Vector6d b = Vector6d::Zero();
-      for_each_corner(T, sightings, [&](const Eigen::Vector3d& P, const Eigen::Vector2d& residual_px) {
-        Eigen::Matrix<double, 2, 3> gradient;
-        gradient << 1, 0, -P.x() / P.z(), 0, 1, -P.y() / P.z();
-        gradient *= focal_length_ / P.z();
-        Eigen::Matrix<double, 2, 6> J;
-        J << gradient, -gradient * skew(P - T.translation());
-        const double weight = 1 / (1 + residual_px.squaredNorm() / (kOutlier_px * kOutlier_px));
-        H += weight * J.transpose() * J;
-        b += weight * J.transpose() * residual_px;
+      for (int i = 0; i < 6; ++i) H(i, i) = 1e-9;
+      for_each_corner(T, sightings, [&](Vec3 P, Vec2 residual_px) {
+        const double weight = 1 / (1 + squared_norm(residual_px) / (kOutlier_px * kOutlier_px));
+        add_row(image_gradient({1, 0}, P, focal_length_), P - translation(T), residual_px.x, weight, H, b);
+        add_row(image_gradient({0, 1}, P, focal_length_), P - translation(T), residual_px.y, weight, H, b);
       });
-      const Vector6d step = H.ldlt().solve(b);
-      if (!step.allFinite()) break;
-      T.translation() += step.head<3>();
-      T.linear() = orthonormalized(so3_exp(step.tail<3>()) * T.linear());
+      const Vec6 step = Vector6d(H.ldlt().solve(b));
+      if (!is_finite(step)) break;
+      set_translation(T, translation(T) + step.t);
+      turn(T, step.r);
+      orthonormalize(T);
     }
     double cost = 0;
     int corners = 0;
-    for_each_corner(T, sightings, [&](const Eigen::Vector3d&, const Eigen::Vector2d& residual_px) {
-      cost += std::min(residual_px.squaredNorm(), 4 * kOutlier_px * kOutlier_px);
+    for_each_corner(T, sightings, [&](Vec3, Vec2 residual_px) {
+      cost += std::min(squared_norm(residual_px), 4 * kOutlier_px * kOutlier_px);
       ++corners;
     });
     return {T, std::sqrt(cost / corners)};
+  }
+
+  // One row J = [g, lever x g] of the normal equations H x = b.
+  static void add_row(Vec3 g, Vec3 lever, double residual_px, double weight, Matrix6d& H, Vector6d& b) {
+    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
+    for (std::size_t k = 0; k < 6; ++k) {
+      for (std::size_t i = 0; i < 6; ++i) H.data()[6 * k + i] += weight * J[i] * J[k];
+      b.data()[k] += weight * J[k] * residual_px;
+    }
   }
 
   template <typename Use>
   void for_each_corner(const Eigen::Isometry3d& T, const std::vector<Sighting>& sightings, Use&& use) const {
     for (const Sighting& sighting : sightings)
       for (std::size_t i = 0; i < 4; ++i) {
-        const Eigen::Vector3d P = T * sighting.corners[i];
-        use(P, focal_length_ * (sighting.seen[i] - P.hnormalized()));
+        const Vec3 P = transform(T, sighting.corners[i]);
+        use(P, focal_length_ * (sighting.seen[i] - on_plane(P)));
       }
   }
 
@@ -204,20 +209,20 @@ class BoardDetector {
   bool contradict(const std::vector<Sighting>& sightings, const Eigen::Isometry3d& T) const {
     constexpr double kDetector_px = 2, kCalibration = 0.005, kElsewhere = 0.25;  // of the board's, of the marker's size
     std::vector<double> off_px;
-    Eigen::AlignedBox2d box;
+    Box box;
     bool elsewhere = false;
     for (const Sighting& sighting : sightings) {
       double squares = 0;
       for (std::size_t i = 0; i < 4; ++i) {
-        squares += (focal_length_ * (sighting.seen[i] - (T * sighting.corners[i]).hnormalized())).squaredNorm();
+        squares += squared_norm(focal_length_ * (sighting.seen[i] - on_plane(transform(T, sighting.corners[i]))));
         box.extend(focal_length_ * sighting.seen[i]);
       }
       off_px.push_back(std::sqrt(squares / 4));
-      elsewhere |= off_px.back() > kElsewhere * focal_length_ * (sighting.seen[0] - sighting.seen[2]).norm();
+      elsewhere |= off_px.back() > kElsewhere * focal_length_ * norm(sighting.seen[0] - sighting.seen[2]);
     }
     const auto middle = off_px.begin() + static_cast<std::ptrdiff_t>(off_px.size() / 2);
     std::ranges::nth_element(off_px, middle);
-    return elsewhere || *middle > std::hypot(kDetector_px, kCalibration * box.diagonal().norm());
+    return elsewhere || *middle > std::hypot(kDetector_px, kCalibration * norm(box.high - box.low));
   }
 
   // The two markers that differ most from the file, by their own poses.
@@ -228,23 +233,21 @@ class BoardDetector {
         if (&a == &b) continue;
         const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
         const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
-        const BoardContradiction pair{board.id, a.marker->id, b.marker->id,
-                                      T_camera_a.inverse() * T_camera_b.translation(),
-                                      a.marker->T_board_marker.inverse() * b.marker->T_board_marker.translation()};
-        if ((pair.seen - pair.in_file).norm() > (worst.seen - worst.in_file).norm()) worst = pair;
+        const BoardContradiction pair{
+            board.id, a.marker->id, b.marker->id, transform(T_camera_a.inverse(), translation(T_camera_b)),
+            transform(a.marker->T_board_marker.inverse(), translation(b.marker->T_board_marker))};
+        if (off(pair) > off(worst)) worst = pair;
       }
     return worst;
   }
 
+  static double off(const BoardContradiction& pair) { return norm(Vec3(pair.seen) - Vec3(pair.in_file)); }
+
   // Corners of the upright rectangle in the image that holds all of the board.
   std::array<Eigen::Vector2d, 4> box_around(const MarkerModel& model, const Eigen::Isometry3d& T) const {
-    Eigen::Vector2d low = project_(T * model.vertices.front()), high = low;
-    for (const Eigen::Vector3d& vertex : model.vertices) {
-      const Eigen::Vector2d pixel = project_(T * vertex);
-      low = low.cwiseMin(pixel);
-      high = high.cwiseMax(pixel);
-    }
-    return {low, Eigen::Vector2d(high.x(), low.y()), high, Eigen::Vector2d(low.x(), high.y())};
+    Box box;
+    for (const Eigen::Vector3d& vertex : model.vertices) box.extend(project_(transform(T, vertex)));
+    return {box.low, Vec2(box.high.x, box.low.y), box.high, Vec2(box.low.x, box.high.y)};
   }
 
   Detector detector_;

@@ -20,8 +20,7 @@ struct MarkerDetection {
   /// The second solution of a planar pose, mirrored in depth, where it fits nearly as well.
   std::optional<Eigen::Isometry3d> T_camera_marker_alternative = std::nullopt;
   /// In the (distorted) image, from the marker's top left clockwise.
-  std::array<Eigen::Vector2d, 4> corners_px{Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(),
-                                            Eigen::Vector2d::Zero()};
+  std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
 };
 
 /// Finds markers in a frame and knows what they look like. May be slow and may allocate; must not keep the frame.

@@ -1,6 +1,5 @@
 #pragma once
 // A look at the polarity frame: what the detector is asked about it, and what it answers.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstdint>
 #include <optional>
@@ -46,11 +45,11 @@ struct Findings {
 /// Whether a pose is within half the marker's own size of where it was detected.
 inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker,
                        double focal_length) noexcept {
-  const Eigen::Vector3d& a = detection.T_camera_marker.translation();
-  const Eigen::Vector3d& b = T_camera_marker.translation();
-  const double apart_px = focal_length * (a.head<2>() / a.z() - b.head<2>() / b.z()).norm();
-  return apart_px < 0.25 * ((detection.corners_px[0] - detection.corners_px[2]).norm() +
-                            (detection.corners_px[1] - detection.corners_px[3]).norm());
+  const Vec2 a = on_plane(translation(detection.T_camera_marker)), b = on_plane(translation(T_camera_marker));
+  const auto diagonal_px = [&](std::size_t i) {
+    return norm(Vec2(detection.corners_px[i]) - Vec2(detection.corners_px[i + 2]));
+  };
+  return focal_length * norm(a - b) < 0.25 * (diagonal_px(0) + diagonal_px(1));
 }
 
 /// Whether a detection without an alternative has another tilt than a pose. Two such poses may be a pixel apart in the

@@ -24,7 +24,7 @@ struct PoseError {
 };
 
 inline PoseError pose_error(const Eigen::Isometry3d& estimate, const Eigen::Isometry3d& truth) {
-  return {1e3 * (estimate.translation() - truth.translation()).norm(),
+  return {1e3 * norm(translation(estimate) - translation(truth)),
           180 / std::numbers::pi * geodesic_angle(estimate.linear(), truth.linear())};
 }
 

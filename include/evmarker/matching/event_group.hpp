@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 
+#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/simd/lanes.hpp"
 
@@ -26,8 +27,9 @@ class EventGroup {
     count_ = count;
     for (std::size_t i = 0; i < count; ++i) {
       const auto& [m, time, sign] = event(i);
-      x[i] = m.x();
-      y[i] = m.y();
+      const Vec2 line = m;
+      x[i] = line.x;
+      y[i] = line.y;
       t[i] = time;
       polarity[i] = sign;
     }

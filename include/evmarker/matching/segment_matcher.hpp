@@ -1,13 +1,14 @@
 #pragma once
 // Nearest model edge of an event: segment matching on any wireframe, Eqs. (1) to (5).
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/require.hpp"
+#include "evmarker/matching/closest_points.hpp"
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/model/marker_model.hpp"
 
@@ -47,131 +48,121 @@ class SegmentMatcher {
   /// Projects the wireframe at a pose, without the edges on faces that are turned away. False, and no event matches,
   /// while any vertex is not in front of the camera or not finite, or no edge is to be seen.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    visible_ = false;
-    Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    box_ = {};
+    Box box;
     for (std::size_t i = 0; i < vertices_.size(); ++i) {
-      vertices_[i].noalias() = T_camera_marker * model_.vertices[i];
-      if (!(vertices_[i].z() > 1e-6 && vertices_[i].allFinite())) return false;
-      const Eigen::Vector2d v = focal_length_ / vertices_[i].z() * vertices_[i].head<2>();
-      low = low.cwiseMin(v);
-      high = high.cwiseMax(v);
+      vertices_[i] = transform(T_camera_marker, model_.vertices[i]);
+      if (!(vertices_[i].z > 1e-6 && is_finite(vertices_[i]))) return false;
+      box.extend(image(vertices_[i]));
     }
     count_ = 0;
     for (std::size_t i = 0; i < model_.segments.size(); ++i) {
       const MarkerSegment& edge = model_.segments[i];
-      if (!faces_camera(edge, vertices_[static_cast<std::size_t>(edge.from)], T_camera_marker.linear())) continue;
-      segments_[count_] = project(edge, T_camera_marker.linear());
+      if (!faces_camera(edge, vertices_[static_cast<std::size_t>(edge.from)], T_camera_marker)) continue;
+      segments_[count_] = project(edge, T_camera_marker);
       segments_[count_++].index = static_cast<int>(i);
     }
-    const double fringe = std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px);
-    box_low_ = low.array() - fringe;
-    box_high_ = high.array() + fringe;
-    visible_ = count_ > 0;
-    return visible_;
+    if (count_ > 0) box_ = box.widened(std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px));
+    return count_ > 0;
   }
 
   /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `near` means beside some segment and
   /// within three times the maximal distance of it, `far` anything else; `correspondence` holds the match if the result
   /// is `matched`, and nothing of use otherwise.
-  MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!visible_) return MatchResult::far;
-    const Eigen::Vector2d u = focal_length_ * m;
-    if (!((u - box_low_).minCoeff() > 0 && (box_high_ - u).minCoeff() > 0)) return MatchResult::far;
-    const double reach = 3 * settings_.max_distance_px;
-
-    constexpr double kNone = std::numeric_limits<double>::infinity();
-    double best = kNone, second = kNone, signed_best = 0;
-    int nearest = -1;
-    for (std::size_t i = 0; i < count_; ++i) {
-      const ProjectedSegment& segment = segments_[i];
-      const Eigen::Vector2d offset = u - segment.v;
-      const double foot = offset.dot(segment.direction);
-      const double distance = offset.dot(segment.normal);  // Eq. (1), signed
-      const bool beside = std::abs(foot - segment.half_length) <= segment.half_length + settings_.end_margin_px;
-      const double d = beside ? std::abs(distance) : kNone;
-      second = std::min(second, std::max(best, d));
-      if (d < best) {
-        best = d;
-        signed_best = distance;
-        nearest = static_cast<int>(i);
-      }
-    }
-    if (!(best < reach)) return MatchResult::far;
-    if (best > settings_.max_distance_px) return MatchResult::near;
-    if (second - best < settings_.ambiguity_px) return MatchResult::ambiguous;
-
-    const ProjectedSegment& segment = segments_[static_cast<std::size_t>(nearest)];
-    correspondence.segment = segment.index;
-    correspondence.distance_px = signed_best;
-    correspondence.squared_px = best * best;
-    correspondence.normal = segment.normal;
-    correspondence.dark_side_known = segment.dark_side_known;
-    correspondence.M = {m.x(), m.y(), 1};
-    if (!closest_points(segment, correspondence)) return MatchResult::near;
-    const Eigen::Vector3d& E = correspondence.E;
-    correspondence.gradient << segment.normal, -segment.normal.dot(E.head<2>()) / E.z();
-    correspondence.gradient *= focal_length_ / E.z();
+  MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
+    const Vec2 u = focal_length_ * m;
+    if (!box_.contains(u)) return MatchResult::far;
+    const auto [segment, distance_px, second_px] = nearest_two(u);
+    const double best_px = std::abs(distance_px);
+    if (!(best_px < 3 * settings_.max_distance_px)) return MatchResult::far;
+    if (best_px > settings_.max_distance_px) return MatchResult::near;
+    if (second_px - best_px < settings_.ambiguity_px) return MatchResult::ambiguous;
+    const Vec3 M{m.x, m.y, 1};
+    const ClosestPoints points = closest_points(segment->V, segment->S, 0, 1, M);
+    if (!points.exist) return MatchResult::near;
+    const Vec2 normal{segment->line.x, segment->line.y};
+    correspondence.segment = segment->index;
+    correspondence.distance_px = distance_px;
+    correspondence.squared_px = best_px * best_px;
+    correspondence.normal = normal;
+    correspondence.dark_side_known = segment->dark_side_known;
+    correspondence.gradient = image_gradient(normal, points.E, focal_length_);
+    correspondence.M = M;
+    correspondence.E = points.E;
+    correspondence.F = points.F;
     return MatchResult::matched;
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  Eigen::AlignedBox2d reach() const noexcept {
-    return visible_ ? Eigen::AlignedBox2d(box_low_ / focal_length_, box_high_ / focal_length_) : Eigen::AlignedBox2d();
-  }
+  Box reach() const noexcept { return {box_.low / focal_length_, box_.high / focal_length_}; }
   const MarkerModel& model() const noexcept { return model_; }
   double focal_length() const noexcept { return focal_length_; }
 
  private:
   struct ProjectedSegment {
-    Eigen::Vector2d v;          // projected start [px]
-    Eigen::Vector2d direction;  // unit, along the segment
-    Eigen::Vector2d normal;     // unit, toward the dark side
-    double half_length;         // [px]
+    Vec2 v;              // projected start [px]
+    Vec2 direction;      // unit, along the segment
+    Vec3 line;           // for Eq. (1), its normal toward the dark side; in pixels
+    double half_length;  // [px]
     bool dark_side_known;
-    int index;             // in the model
-    Eigen::Vector3d V, S;  // start and extent in the camera frame [m]
+    int index;  // in the model
+    Vec3 V, S;  // start and extent in the camera frame [m]
   };
 
-  ProjectedSegment project(const MarkerSegment& edge, const Eigen::Matrix3d& R) const noexcept {
-    ProjectedSegment s;
-    s.V = vertices_[static_cast<std::size_t>(edge.from)];
-    const Eigen::Vector3d& V_end = vertices_[static_cast<std::size_t>(edge.to)];
-    s.S = V_end - s.V;
-    s.v = focal_length_ / s.V.z() * s.V.head<2>();
-    const Eigen::Vector2d along = focal_length_ / V_end.z() * V_end.head<2>() - s.v;
-    const double length = along.norm();
-    s.direction = length > 0 ? Eigen::Vector2d(along / length) : Eigen::Vector2d::UnitX();
-    s.half_length = length / 2;
-    s.normal = {-s.direction.y(), s.direction.x()};
-    // Where the middle of the edge would move in the image if it moved into the dark.
-    const Eigen::Vector3d middle = s.V + s.S / 2;
-    const Eigen::Vector3d dark = R * edge.dark_side;
-    const double toward_dark = s.normal.dot(middle.z() * dark.head<2>() - dark.z() * middle.head<2>());
-    s.dark_side_known = toward_dark != 0;
-    if (toward_dark < 0) s.normal = -s.normal;
-    return s;
+  struct NearestTwo {
+    const ProjectedSegment* segment;
+    double distance_px, second_px;  // signed, and of the runner-up
+  };
+
+  // Of the segments beside which a pixel lies.
+  NearestTwo nearest_two(Vec2 u) const noexcept {
+    constexpr double kNone = std::numeric_limits<double>::infinity();
+    double best = kNone;
+    NearestTwo nearest{nullptr, kNone, kNone};
+    for (std::size_t i = 0; i < count_; ++i) {
+      const ProjectedSegment& segment = segments_[i];
+      const double foot = dot(u - segment.v, segment.direction), distance = line_distance(segment.line, u);
+      const bool beside = std::abs(foot - segment.half_length) <= segment.half_length + settings_.end_margin_px;
+      const double d = beside ? std::abs(distance) : kNone;
+      nearest.second_px = std::min(nearest.second_px, std::max(best, d));
+      if (d < best) {
+        best = d;
+        nearest.segment = &segment;
+        nearest.distance_px = distance;
+      }
+    }
+    return nearest;
   }
 
-  // Eq. (5), solved for a1 and a2: E = V_i + a2 S (the paper writes V_j) and F = a1 M with E - F perpendicular to both.
-  static bool closest_points(const ProjectedSegment& segment, Correspondence& c) noexcept {
-    const Eigen::Vector3d &V = segment.V, &S = segment.S, &M = c.M;
-    const double MM = M.squaredNorm(), MS = M.dot(S), SS = S.squaredNorm(), MV = M.dot(V), SV = S.dot(V);
-    const double determinant = MM * SS - MS * MS;
-    if (!(determinant > 1e-6 * MM * SS)) return false;  // the edge points at the camera: no constraint
-    const double a2 = std::clamp((MS * MV - MM * SV) / determinant, 0.0, 1.0);
-    c.E = V + a2 * S;
-    c.F = M.dot(c.E) / MM * M;  // = L E: after the clamp still the nearest point of the line of sight
-    return true;
+  Vec2 image(Vec3 P) const noexcept { return focal_length_ / P.z * Vec2(P.x, P.y); }
+
+  ProjectedSegment project(const MarkerSegment& edge, const Eigen::Isometry3d& T_camera_marker) const noexcept {
+    ProjectedSegment s;
+    s.V = vertices_[static_cast<std::size_t>(edge.from)];
+    const Vec3 V_end = vertices_[static_cast<std::size_t>(edge.to)];
+    s.S = V_end - s.V;
+    s.v = image(s.V);
+    const Vec2 along = image(V_end) - s.v;
+    const double length = norm(along);
+    s.direction = length > 0 ? along / length : Vec2(1, 0);
+    s.half_length = length / 2;
+    Vec2 normal{-s.direction.y, s.direction.x};
+    // Where the middle of the edge would move in the image if it moved into the dark.
+    const Vec3 middle = s.V + s.S / 2, dark = rotate(T_camera_marker, edge.dark_side);
+    const double toward_dark = dot(normal, middle.z * Vec2(dark.x, dark.y) - dark.z * Vec2(middle.x, middle.y));
+    s.dark_side_known = toward_dark != 0;
+    if (toward_dark < 0) normal = -1 * normal;
+    s.line = {normal.x, normal.y, -dot(normal, s.v)};
+    return s;
   }
 
   MarkerModel model_;
   double focal_length_;
   SegmentMatcherSettings settings_;
-  std::vector<Eigen::Vector3d> vertices_;   // camera frame [m]
+  std::vector<Vec3> vertices_;              // camera frame [m]
   std::vector<ProjectedSegment> segments_;  // the first `count_` are to be seen
   std::size_t count_ = 0;
-  Eigen::Vector2d box_low_{0, 0}, box_high_{0, 0};  // no event outside is near a segment
-  bool visible_ = false;
+  Box box_;  // [px] no event outside is near a segment
 };
 
 }  // namespace evmarker

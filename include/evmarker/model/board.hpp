@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/base/so3.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose.hpp"
 
@@ -34,9 +35,8 @@ inline void validate(const Board& board) {
     for (std::size_t k = 0; k < i; ++k)
       if (board.markers[k].id == marker.id) throw std::invalid_argument(whose + " is there twice");
     const auto& T = marker.T_board_marker;
-    if (!T.matrix().allFinite()) throw std::invalid_argument(whose + ": T_board_marker is not finite");
-    // Written so that a mirrored or scaled matrix is refused too.
-    if (!(T.linear().transpose() * T.linear()).isIdentity(1e-6) || !(T.linear().determinant() > 0))
+    if (!is_finite(T)) throw std::invalid_argument(whose + ": T_board_marker is not finite");
+    if (!is_rotation(T.linear()))
       throw std::invalid_argument(whose + ": T_board_marker is no rotation and translation");
   }
 }
@@ -50,10 +50,11 @@ inline MarkerModel make_board_model(const Board& board) {
   for (const BoardMarker& marker : board.markers) {
     const int first = static_cast<int>(model.vertices.size());
     const MarkerModel one = make_code_marker(marker.length, marker.bits);
-    for (const Eigen::Vector3d& vertex : one.vertices) model.vertices.push_back(marker.T_board_marker * vertex);
-    const auto& R = marker.T_board_marker.linear();
+    const Eigen::Isometry3d& T = marker.T_board_marker;
+    for (const Eigen::Vector3d& vertex : one.vertices) model.vertices.push_back(transform(T, vertex));
     for (const MarkerSegment& edge : one.segments)
-      model.segments.push_back({first + edge.from, first + edge.to, R * edge.dark_side, R * edge.face_normal});
+      model.segments.push_back(
+          {first + edge.from, first + edge.to, rotate(T, edge.dark_side), rotate(T, edge.face_normal)});
   }
   return model;
 }

@@ -1,8 +1,6 @@
 #pragma once
 // Camera models: from a point in space to a pixel and from a pixel to its line of sight.
 #include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <array>
 #include <cmath>
 #include <concepts>
@@ -13,6 +11,7 @@
 #include <variant>
 
 #include "evmarker/base/require.hpp"
+#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
 
 namespace evmarker {
@@ -31,16 +30,16 @@ concept CameraModel = requires(const C& camera, const Eigen::Vector3d& point, co
 
 /// No lens distortion.
 struct NoDistortion {
-  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept { return m; }
+  Vec2 distort(Vec2 m) const noexcept { return m; }
 };
 
 /// OpenCV's radial-tangential model with `k1 k2 p1 p2 k3`.
 struct BrownConradyDistortion {
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
 
-  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
-    const double x = m.x(), y = m.y(), r2 = m.squaredNorm();
-    const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+  Vec2 distort(Vec2 m) const noexcept {
+    const auto [x, y] = m;
+    const double r2 = squared_norm(m), radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
     return {x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y};
   }
 };
@@ -49,11 +48,11 @@ struct BrownConradyDistortion {
 struct EquidistantDistortion {
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
 
-  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
-    const double r = m.norm();
+  Vec2 distort(Vec2 m) const noexcept {
+    const double r = norm(m);
     if (r < 1e-12) return m;
     const double theta = std::atan(r), t2 = theta * theta;
-    return m * (theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / r);
+    return theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / r * m;
   }
 };
 
@@ -95,18 +94,18 @@ class PinholeCamera {
   const Distortion& distortion() const noexcept { return distortion_; }
 
   Eigen::Vector2d project(const Eigen::Vector3d& point) const noexcept {
-    const Eigen::Vector2d m = distort(point.head<2>() / point.z());
-    return {fx_ * m.x() + cx_, fy_ * m.y() + cy_};
+    const Vec2 m = distort(on_plane(point));
+    return {fx_ * m.x + cx_, fy_ * m.y + cy_};
   }
 
   Eigen::Vector3d line_of_sight(const Eigen::Vector2d& pixel) const noexcept {
-    const Eigen::Vector2d distorted((pixel.x() - cx_) / fx_, (pixel.y() - cy_) / fy_);
-    return undistort(distorted).homogeneous();
+    const Vec2 m = undistort({(pixel.x() - cx_) / fx_, (pixel.y() - cy_) / fy_});
+    return {m.x, m.y, 1};
   }
 
  private:
-  Eigen::Vector2d distort(const Eigen::Vector2d& m) const noexcept {
-    return std::visit([&](const auto& d) -> Eigen::Vector2d { return d.distort(m); }, distortion_);
+  Vec2 distort(Vec2 m) const noexcept {
+    return std::visit([&](const auto& d) { return d.distort(m); }, distortion_);
   }
 
   // Where the image of a ray, turned outward, first stops moving outward: beyond, the polynomial of the lens comes back
@@ -117,7 +116,7 @@ class PinholeCamera {
     double fold = 0, outermost = 0;
     for (double angle = 1e-3; angle < std::numbers::pi / 2; angle += 1e-3) {
       const double r = std::tan(angle);
-      const double image = std::visit([&](const auto& d) { return d.distort({r, 0}).x(); }, radial);
+      const double image = std::visit([&](const auto& d) { return d.distort({r, 0}).x; }, radial);
       if (!(image > outermost)) return fold;
       fold = r;
       outermost = image;
@@ -126,25 +125,26 @@ class PinholeCamera {
   }
 
   // Newton's method with a numerical Jacobian, its step limited so that strong distortion converges too.
-  Eigen::Vector2d undistort(const Eigen::Vector2d& distorted) const noexcept {
+  Vec2 undistort(Vec2 distorted) const noexcept {
     if (std::holds_alternative<NoDistortion>(distortion_)) return distorted;
-    constexpr double kStep = 1e-6, kTolerance = 1e-12;
-    Eigen::Vector2d m = distorted;
-    if (m.norm() > 0.9 * fold_) m *= 0.9 * fold_ / m.norm();
+    constexpr double kStep = 1e-6, kTolerance = 1e-12, kNone = std::numeric_limits<double>::quiet_NaN();
+    Vec2 m = distorted;
+    if (norm(m) > 0.9 * fold_) m = 0.9 * fold_ / norm(m) * m;
     for (int iteration = 0; iteration < 50; ++iteration) {
-      const Eigen::Vector2d error = distorted - distort(m);
-      if (error.norm() < kTolerance) break;
-      Eigen::Matrix2d jacobian;
-      jacobian.col(0) = (distort(m + Eigen::Vector2d(kStep, 0)) - distort(m - Eigen::Vector2d(kStep, 0))) / (2 * kStep);
-      jacobian.col(1) = (distort(m + Eigen::Vector2d(0, kStep)) - distort(m - Eigen::Vector2d(0, kStep))) / (2 * kStep);
-      if (!(jacobian.determinant() > 1e-6)) break;  // beyond the fold of the lens model
-      Eigen::Vector2d step = jacobian.inverse() * error;
-      const double limit = 0.5 * (1 + m.norm());
-      if (step.norm() > limit) step *= limit / step.norm();
-      m += step;
+      const Vec2 error = distorted - distort(m);
+      if (norm(error) < kTolerance) break;
+      const Vec2 by_x = (distort(m + Vec2(kStep, 0)) - distort(m - Vec2(kStep, 0))) / (2 * kStep);
+      const Vec2 by_y = (distort(m + Vec2(0, kStep)) - distort(m - Vec2(0, kStep))) / (2 * kStep);
+      const double determinant = by_x.x * by_y.y - by_x.y * by_y.x;
+      if (!(determinant > 1e-6)) break;  // beyond the fold of the lens model
+      const double inverse = 1 / determinant;
+      Vec2 step = {by_y.y * inverse * error.x - by_y.x * inverse * error.y,
+                   by_x.x * inverse * error.y - by_x.y * inverse * error.x};
+      const double limit = 0.5 * (1 + norm(m));
+      if (norm(step) > limit) step = limit / norm(step) * step;
+      m = m + step;
     }
-    if ((distorted - distort(m)).norm() < 1e-9 && m.norm() <= fold_) return m;
-    return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+    return norm(distorted - distort(m)) < 1e-9 && norm(m) <= fold_ ? m : Vec2{kNone, kNone};
   }
 
   SensorSize size_;

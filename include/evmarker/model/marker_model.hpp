@@ -1,11 +1,14 @@
 #pragma once
 // A marker as a wireframe: the edges at which it makes events.
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "evmarker/base/vector.hpp"
 
 namespace evmarker {
 
@@ -21,10 +24,10 @@ struct MarkerSegment {
 
 /// Whether an edge is on a side that is turned to the camera, or on none.
 /// @param point any of its points [camera frame]
-/// @param R_camera_marker rotation from the marker to the camera frame
-inline bool faces_camera(const MarkerSegment& segment, const Eigen::Vector3d& point,
-                         const Eigen::Matrix3d& R_camera_marker) noexcept {
-  return segment.face_normal.isZero() || (R_camera_marker * segment.face_normal).dot(point) < 0;
+inline bool faces_camera(const MarkerSegment& segment, const Vec3& point,
+                         const Eigen::Isometry3d& T_camera_marker) noexcept {
+  const Vec3 normal = segment.face_normal;
+  return squared_norm(normal) == 0 || dot(rotate(T_camera_marker, normal), point) < 0;
 }
 
 /// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the
@@ -55,7 +58,7 @@ inline void require_marker_length(double length, const char* field = "length") {
 inline void validate(const MarkerModel& model) {
   if (model.segments.empty()) throw std::invalid_argument("marker model: no segments");
   for (std::size_t i = 0; i < model.vertices.size(); ++i)
-    if (!model.vertices[i].allFinite())
+    if (!is_finite(Vec3(model.vertices[i])))
       throw std::invalid_argument("marker model: vertex " + std::to_string(i) + " is not finite");
   const auto known = [&](int index) { return index >= 0 && index < static_cast<int>(model.vertices.size()); };
   for (std::size_t i = 0; i < model.segments.size(); ++i) {
@@ -65,9 +68,9 @@ inline void validate(const MarkerModel& model) {
       throw std::invalid_argument(name + " joins vertices " + std::to_string(from) + " and " + std::to_string(to) +
                                   " of " + std::to_string(model.vertices.size()));
     const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
-    if (vertex(from) == vertex(to)) throw std::invalid_argument(name + " has no length");
-    if (!dark_side.allFinite()) throw std::invalid_argument(name + ": dark side is not finite");
-    if (!face_normal.allFinite()) throw std::invalid_argument(name + ": face normal is not finite");
+    if (squared_norm(Vec3(vertex(from)) - Vec3(vertex(to))) == 0) throw std::invalid_argument(name + " has no length");
+    if (!is_finite(Vec3(dark_side))) throw std::invalid_argument(name + ": dark side is not finite");
+    if (!is_finite(Vec3(face_normal))) throw std::invalid_argument(name + ": face normal is not finite");
   }
 }
 
@@ -91,7 +94,7 @@ inline MarkerModel make_rectangle_marker(double width, double height) {
   detail::require_marker_length(height, "height");
   if (width == height) return make_square_marker(width);  // which is matched faster
   MarkerModel model = make_square_marker(1);
-  for (Eigen::Vector3d& vertex : model.vertices) vertex = vertex.cwiseProduct(Eigen::Vector3d(width, height, 0));
+  for (Eigen::Vector3d& vertex : model.vertices) vertex = {width * vertex.x(), height * vertex.y(), 0};
   model.cells = 0;
   return model;
 }
@@ -117,11 +120,11 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
     const double cell = length / cells;
     const Eigen::Vector3d vertex(column * cell - length / 2, length / 2 - row * cell, 0);
     for (std::size_t i = 0; i < model.vertices.size(); ++i)
-      if (model.vertices[i] == vertex) return static_cast<int>(i);
+      if (squared_norm(Vec3(model.vertices[i]) - Vec3(vertex)) == 0) return static_cast<int>(i);
     model.vertices.push_back(vertex);
     return static_cast<int>(model.vertices.size()) - 1;
   };
-  // Along each lattice line, join neighbouring cell edges that are dark on the same side into one segment.
+  // Along each grid line, join neighbouring cell edges that are dark on the same side into one segment.
   const auto add_line = [&](int line, bool horizontal) {
     const auto dark = [&](int along) {  // -1 dark before the line (above, left), +1 behind it, 0 no edge
       const bool before = horizontal ? white(line - 1, along) : white(along, line - 1);
@@ -147,10 +150,10 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
 
 /// The centre of the box around all vertices, marker frame [m].
 inline Eigen::Vector3d centre(const MarkerModel& model) noexcept {
-  Eigen::Vector3d low = model.vertices.front(), high = low;
-  for (const Eigen::Vector3d& vertex : model.vertices) {
-    low = low.cwiseMin(vertex);
-    high = high.cwiseMax(vertex);
+  Vec3 low = model.vertices.front(), high = low;
+  for (const Vec3 v : model.vertices) {
+    low = {std::min(low.x, v.x), std::min(low.y, v.y), std::min(low.z, v.z)};
+    high = {std::max(high.x, v.x), std::max(high.y, v.y), std::max(high.z, v.z)};
   }
   return (low + high) / 2;
 }

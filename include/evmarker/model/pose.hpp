@@ -1,12 +1,12 @@
 #pragma once
 // What a tracker tells: pose, covariance, twist and how far to trust it.
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <limits>
 #include <optional>
 
-#include "evmarker/base/so3.hpp"
+#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
 
 namespace evmarker {
@@ -91,26 +91,19 @@ struct PoseEstimate {
   TrackingQuality quality;
 };
 
-/// Inverse covariance, for those who fuse poses; zero where there is none, or none that is positive definite.
-inline Matrix6d information(const PoseEstimate& pose) noexcept {
-  if (!pose.covariance) return Matrix6d::Zero();
-  const Eigen::LLT<Matrix6d> root(*pose.covariance);
-  const Matrix6d solved = root.solve(Matrix6d::Identity()), inverse = solved.selfadjointView<Eigen::Lower>();
-  return root.info() == Eigen::Success && inverse.allFinite() ? inverse : Matrix6d::Zero();
-}
-
-/// Covariance of where a point of the marker is in the undistorted image [px^2]. The pose must have one.
+/// Variance of where a point of the marker is in the undistorted image, x and y together [px^2]. The pose must have a
+/// covariance.
 /// @param point marker frame [m]
-inline Eigen::Matrix2d image_covariance(const PoseEstimate& pose, const Eigen::Vector3d& point,
-                                        double focal_length) noexcept {
-  const Eigen::Vector3d lever = pose.T_camera_marker.linear() * point;
-  const Eigen::Vector3d X = lever + pose.T_camera_marker.translation();
-  Eigen::Matrix<double, 3, 6> dX;  // by the perturbation
-  dX << Eigen::Matrix3d::Identity(), -skew(lever);
-  Eigen::Matrix<double, 2, 3> dm;  // by X
-  dm << Eigen::Matrix2d::Identity(), -X.head<2>() / X.z();
-  const Eigen::Matrix<double, 2, 6> J = focal_length / X.z() * dm * dX;
-  return J * *pose.covariance * J.transpose();
+inline double image_variance(const PoseEstimate& pose, Vec3 point, double focal_length) noexcept {
+  const Vec3 lever = rotate(pose.T_camera_marker, point), X = lever + translation(pose.T_camera_marker);
+  double variance = 0;
+  for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
+    const Vec3 g = image_gradient(along, X, focal_length);
+    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();  // the point's image by the perturbation
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t i = 0; i < 6; ++i) variance += J[i] * pose.covariance->data()[6 * k + i] * J[k];
+  }
+  return variance;
 }
 
 }  // namespace evmarker

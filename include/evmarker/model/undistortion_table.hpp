@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/model/camera.hpp"
 
 namespace evmarker {
@@ -24,15 +25,13 @@ class UndistortionTable {
                                   std::to_string(size_.height));
     if (!(std::isfinite(focal_length_) && focal_length_ > 0))
       throw std::invalid_argument("camera: focal length is " + std::to_string(focal_length_));
-    auto lines = std::make_shared<std::vector<Eigen::Vector2f>>();
+    auto lines = std::make_shared<std::vector<Line>>();
     lines->reserve(static_cast<std::size_t>(size_.width) * static_cast<std::size_t>(size_.height));
     for (int y = 0; y < size_.height; ++y)
       for (int x = 0; x < size_.width; ++x) {
-        const Eigen::Vector3d M = camera.line_of_sight(Eigen::Vector2d(x, y));
-        lines->emplace_back((M.head<2>() / M.z()).template cast<float>());
-        if (!lines->back().allFinite()) continue;
-        low_ = low_.cwiseMin(lines->back().template cast<double>());
-        high_ = high_.cwiseMax(lines->back().template cast<double>());
+        const Vec2 m = on_plane(Eigen::Vector3d(camera.line_of_sight(Eigen::Vector2d(x, y))));
+        lines->push_back({static_cast<float>(m.x), static_cast<float>(m.y)});
+        if (const Vec2 line{lines->back().x, lines->back().y}; is_finite(line)) image_.extend(line);
       }
     lines_ = std::move(lines);
   }
@@ -42,30 +41,35 @@ class UndistortionTable {
   double focal_length() const noexcept { return focal_length_; }
 
   /// The smallest rectangle that holds (X/Z, Y/Z) of every pixel.
-  const Eigen::Vector2d& low() const noexcept { return low_; }
-  const Eigen::Vector2d& high() const noexcept { return high_; }
+  const Box& image() const noexcept { return image_; }
 
   /// M = (m; 1) of Eq. (2) for an event on the sensor; NaN where the lens model has no inverse.
-  Eigen::Vector2d operator()(const Event& event) const noexcept { return (*lines_)[pixel(event)].cast<double>(); }
+  Vec2 operator()(const Event& event) const noexcept {
+    const Line& line = (*lines_)[pixel(event)];
+    return {line.x, line.y};
+  }
 
   /// Has the line of sight of an event on the sensor brought into the cache.
   void prefetch(const Event& event) const noexcept { __builtin_prefetch(&(*lines_)[pixel(event)]); }
 
   /// Far from every marker.
-  static Eigen::Vector2d nowhere() noexcept {
-    return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  static constexpr Vec2 nowhere() noexcept {
+    return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
   }
 
  private:
+  struct Line {
+    float x, y;
+  };
+
   std::size_t pixel(const Event& event) const noexcept {
     return static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
   }
 
   SensorSize size_;
   double focal_length_;
-  Eigen::Vector2d low_ = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d high_ = -low_;
-  std::shared_ptr<const std::vector<Eigen::Vector2f>> lines_;
+  Box image_;
+  std::shared_ptr<const std::vector<Line>> lines_;
 };
 
 }  // namespace evmarker

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "evmarker/base/so3.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose.hpp"
 
@@ -22,11 +23,10 @@ struct Wireframe {
 /// camera.
 /// @throws std::invalid_argument naming the fault
 inline void validate_start(const MarkerModel& model, const Eigen::Isometry3d& start) {
-  if (!start.matrix().allFinite()) throw std::invalid_argument("start is not finite");
-  if (!(start.linear().transpose() * start.linear()).isIdentity(1e-6) || !(start.linear().determinant() > 0))
-    throw std::invalid_argument("start is no rotation and translation");
+  if (!is_finite(start)) throw std::invalid_argument("start is not finite");
+  if (!is_rotation(start.linear())) throw std::invalid_argument("start is no rotation and translation");
   for (std::size_t i = 0; i < model.vertices.size(); ++i)
-    if (const double z = (start * model.vertices[i]).z(); !(z > 1e-6))
+    if (const double z = transform(start, model.vertices[i]).z; !(z > 1e-6))
       throw std::invalid_argument("start puts vertex " + std::to_string(i) +
                                   " not in front of the camera, but at z = " + std::to_string(z) + " m");
 }

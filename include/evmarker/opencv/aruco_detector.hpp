@@ -1,6 +1,5 @@
 #pragma once
 // Finds ArUco and AprilTag markers in a frame of last polarities.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -140,7 +139,7 @@ class ArucoDetector {
   static bool lead_to_one_pose(const Quad& a, const Quad& b) {
     constexpr double kSame_px = 2;
     double farthest = 0;
-    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, (a[i] - b[i]).norm());
+    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(a[i] - b[i]));
     return farthest < kSame_px;
   }
 
@@ -182,10 +181,12 @@ class ArucoDetector {
 
   // The pose whose image is nearly the same: tilted as much to the other side of the line of sight.
   static Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T_camera_marker) {
-    const Eigen::Vector3d sight = -T_camera_marker.translation().normalized();
-    const auto half = Eigen::Quaterniond::FromTwoVectors(T_camera_marker.linear().col(2), sight);
+    const Vec3 normal = axis(T_camera_marker, 2),
+               to_camera = -1 / norm(translation(T_camera_marker)) * translation(T_camera_marker);
+    const Vec3 about = cross(normal, to_camera);
+    const double tilt = std::atan2(norm(about), dot(normal, to_camera));
     Eigen::Isometry3d T = T_camera_marker;
-    T.linear() = (half * half).toRotationMatrix() * T_camera_marker.linear();
+    if (norm(about) > 0) turn(T, 2 * tilt / norm(about) * about);
     return T;
   }
 
@@ -195,7 +196,8 @@ class ArucoDetector {
     detection.t = t_;
     detection.T_camera_marker = T_camera_marker;
     const auto square = make_square_marker(settings_.marker_length).vertices;
-    for (std::size_t i = 0; i < 4; ++i) detection.corners_px[i] = camera_.project(T_camera_marker * square[i]);
+    for (std::size_t i = 0; i < 4; ++i)
+      detection.corners_px[i] = camera_.project(transform(T_camera_marker, square[i]));
     return detection;
   }
 
@@ -204,16 +206,16 @@ class ArucoDetector {
   std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
     const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
-    const auto upper_left = std::ranges::min_element(corners, {}, [](const Eigen::Vector2d& p) { return p.sum(); });
+    const auto upper_left = std::ranges::min_element(corners, {}, [](Vec2 p) { return p.x + p.y; });
     const std::ptrdiff_t turns = upper_left - corners.begin();
     std::vector<cv::Point2d> undistorted;
     for (std::size_t i = 0; i < 4; ++i) {
       const Eigen::Vector3d M = camera_.line_of_sight(corners[(i + static_cast<std::size_t>(turns)) % 4]);
-      if (!M.allFinite()) return {};
+      if (!is_finite(Vec3(M))) return {};
       undistorted.emplace_back(M.x(), M.y());
     }
-    const Eigen::Matrix3d R_square_marker =
-        so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)}) * Eigen::Vector3d(1, -1, -1).asDiagonal();
+    Eigen::Matrix3d R_square_marker = so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)});
+    for (int i = 3; i < 9; ++i) R_square_marker.data()[i] *= -1;  // its y up and its z toward the camera
     std::vector<cv::Mat> rotations, translations;
     cv::solvePnPGeneric(points, undistorted, cv::Matx33d::eye(), cv::noArray(), rotations, translations, false,
                         cv::SOLVEPNP_IPPE);
@@ -221,16 +223,16 @@ class ArucoDetector {
     for (std::size_t i = 0; i < rotations.size(); ++i) {
       const cv::Vec3d r = rotations[i], t = translations[i];
       Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-      T.linear() = so3_exp({r[0], r[1], r[2]}) * R_square_marker;
-      T.translation() << t[0], t[1], t[2];
-      if (T.matrix().allFinite() && t[2] > 0) poses.push_back(T);
+      T.linear() = product(so3_exp({r[0], r[1], r[2]}), R_square_marker);
+      set_translation(T, {t[0], t[1], t[2]});
+      if (is_finite(T) && t[2] > 0) poses.push_back(T);
     }
     return poses;
   }
 
   // How far from an edge its step is looked for: not to the next edge of the code.
   double reach_px(const Eigen::Isometry3d& T) const {
-    const double marker_px = camera_.focal_length() * settings_.marker_length / T.translation().z();
+    const double marker_px = camera_.focal_length() * settings_.marker_length / translation(T).z;
     return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
   }
 

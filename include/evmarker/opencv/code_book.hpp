@@ -1,6 +1,5 @@
 #pragma once
 // Which marker a quadrilateral in an image is, by its cells.
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -34,7 +33,10 @@ class CodeBook {
     CodeBits seen = code;
     for (std::size_t turn = 0; turn < 4; ++turn) {
       entries_.push_back({word_of(seen), id, turn});
-      const CodeBits turned = seen.transpose().rowwise().reverse();
+      CodeBits turned(seen.cols(), seen.rows());  // a quarter turn to the right
+      for (Eigen::Index row = 0; row < turned.rows(); ++row)
+        for (Eigen::Index column = 0; column < turned.cols(); ++column)
+          turned(row, column) = seen(seen.rows() - 1 - column, row);
       seen = turned;
     }
     allowed_.clear();
@@ -115,7 +117,7 @@ class CodeBook {
     const auto side = static_cast<float>(cells_);
     const cv::Point2f square[4] = {{0, 0}, {side, 0}, {side, side}, {0, side}};
     cv::Point2f corners[4];
-    for (std::size_t i = 0; i < 4; ++i) corners[i] = {static_cast<float>(quad[i].x()), static_cast<float>(quad[i].y())};
+    for (std::size_t i = 0; i < 4; ++i) corners[i] = {static_cast<float>(quad[i].x), static_cast<float>(quad[i].y)};
     const cv::Matx33d H = cv::getPerspectiveTransform(square, corners);
     const auto brightness = [&](double u, double v) {
       const cv::Vec3d p = H * cv::Vec3d(u, v, 1);

@@ -1,6 +1,5 @@
 #pragma once
 // Dark quadrilaterals in an image whose outlines are ragged, interrupted and have whiskers.
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,10 +9,12 @@
 #include <optional>
 #include <vector>
 
+#include "evmarker/base/vector.hpp"
+
 namespace evmarker::opencv {
 
 /// The corners of a convex quadrilateral in the image [px], clockwise as one sees it.
-using Quad = std::array<Eigen::Vector2d, 4>;
+using Quad = std::array<Vec2, 4>;
 
 /// A dark quadrilateral that was found.
 struct DarkQuad {
@@ -25,12 +26,12 @@ namespace detail {
 
 // A straight piece of a contour, with the dark area on its right as one sees it.
 struct Side {
-  Eigen::Vector2d from, to;  // [px]
-  Eigen::Vector2d along;     // unit vector
+  Vec2 from, to;  // [px]
+  Vec2 along;     // unit vector
 
-  double length() const { return (to - from).dot(along); }
-  double distance(const Eigen::Vector2d& p) const { return cross(p - from); }
-  double cross(const Eigen::Vector2d& v) const { return along.x() * v.y() - along.y() * v.x(); }
+  double length() const { return dot(to - from, along); }
+  double distance(Vec2 p) const { return cross(p - from); }
+  double cross(Vec2 v) const { return along.x * v.y - along.y * v.x; }
 };
 
 // The line through the points of a contour from one to another, both included, that fits best; moved outwards from the
@@ -38,24 +39,27 @@ struct Side {
 inline Side fit_side(const std::vector<cv::Point>& contour, std::size_t first, std::size_t last) {
   const std::size_t size = contour.size(), count = (last + size - first) % size + 1;
   const std::size_t skip = std::min<std::size_t>(count / 6, 3);  // corners are rounded
-  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-  Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
-  double points = 0;
+  Vec2 sum;
+  double xx = 0, xy = 0, yy = 0, points = 0;
   for (std::size_t i = skip; i + skip < count; ++i, ++points) {
     const cv::Point& pixel = contour[(first + i) % size];
-    const Eigen::Vector2d p(pixel.x, pixel.y);
-    sum += p;
-    squares += p * p.transpose();
+    const Vec2 p(pixel.x, pixel.y);
+    sum = sum + p;
+    xx += p.x * p.x;
+    xy += p.x * p.y;
+    yy += p.y * p.y;
   }
-  const Eigen::Vector2d mean = sum / points;
-  const Eigen::Matrix2d spread = squares - points * mean * mean.transpose();
-  const double angle = 0.5 * std::atan2(2 * spread(0, 1), spread(0, 0) - spread(1, 1));
-  Eigen::Vector2d along(std::cos(angle), std::sin(angle));
-  const Eigen::Vector2d a(contour[first].x, contour[first].y), b(contour[last].x, contour[last].y);
-  if (along.dot(b - a) < 0) along = -along;
+  const Vec2 mean = sum / points;
+  xx -= points * mean.x * mean.x;
+  xy -= points * mean.x * mean.y;
+  yy -= points * mean.y * mean.y;
+  const double angle = 0.5 * std::atan2(2 * xy, xx - yy);
+  Vec2 along(std::cos(angle), std::sin(angle));
+  const Vec2 a(contour[first].x, contour[first].y), b(contour[last].x, contour[last].y);
+  if (dot(along, b - a) < 0) along = -1 * along;
   constexpr double kRim = 0.5;  // [px]
-  const Eigen::Vector2d foot = mean + kRim * Eigen::Vector2d(along.y(), -along.x());
-  return {foot + along * along.dot(a - foot), foot + along * along.dot(b - foot), along};
+  const Vec2 foot = mean + kRim * Vec2(along.y, -along.x);
+  return {foot + dot(along, a - foot) * along, foot + dot(along, b - foot) * along, along};
 }
 
 // The longest straight pieces of a contour, in the order in which one walks around it.
@@ -86,21 +90,21 @@ inline std::vector<Side> sides_of(std::vector<cv::Point>& contour, double min_le
   return sides;
 }
 
-inline Eigen::Vector2d intersection(const Side& a, const Side& b) {
-  return a.from + a.along * (b.cross(a.from - b.from) / -b.cross(a.along));
+inline Vec2 intersection(const Side& a, const Side& b) {
+  return a.from + b.cross(a.from - b.from) / -b.cross(a.along) * a.along;
 }
 
 // Share of the way between two corners along which straight pieces of the contour lie.
-inline double covered(const std::vector<Side>& sides, const Eigen::Vector2d& from, const Eigen::Vector2d& to) {
+inline double covered(const std::vector<Side>& sides, Vec2 from, Vec2 to) {
   constexpr double kBeside_px = 2;
-  const double length = (to - from).norm();
+  const double length = norm(to - from);
   const Side way{from, to, (to - from) / length};
   double sum = 0;
   for (const Side& side : sides) {
-    if (side.along.dot(way.along) < 0.9) continue;
+    if (dot(side.along, way.along) < 0.9) continue;
     if (std::abs(way.distance(side.from)) > kBeside_px || std::abs(way.distance(side.to)) > kBeside_px) continue;
-    const double begin = std::max(0.0, way.along.dot(side.from - from));
-    const double end = std::min(length, way.along.dot(side.to - from));
+    const double begin = std::max(0.0, dot(way.along, side.from - from));
+    const double end = std::min(length, dot(way.along, side.to - from));
     sum += std::max(0.0, end - begin);
   }
   return sum / length;
@@ -113,13 +117,12 @@ inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::
   Quad quad;
   for (std::size_t i = 0; i < 4; ++i) {
     quad[i] = intersection(sides[(i + 3) % 4], sides[i]);
-    if (!quad[i].allFinite()) return std::nullopt;
+    if (!is_finite(quad[i])) return std::nullopt;
   }
   double outline = 0, seen = 0;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Eigen::Vector2d& from = quad[i];
-    const Eigen::Vector2d& to = quad[(i + 1) % 4];
-    const double length = sides[i].along.dot(to - from);  // less than 0: the lines cross on the wrong side
+    const Vec2 from = quad[i], to = quad[(i + 1) % 4];
+    const double length = dot(sides[i].along, to - from);  // less than 0: the lines cross on the wrong side
     if (length < min_side_px) return std::nullopt;
     const double share = covered(all, from, to);
     if (share < kLeastOfSide && !(last_unseen && i == 3)) return std::nullopt;
@@ -133,7 +136,7 @@ inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::
 // All quadrilaterals that four of the sides bound, in their order, or three, and the ends of the first and the last.
 inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<DarkQuad>& quads) {
   const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
-  const auto opposite = [](const Side& a, const Side& b) { return a.along.dot(b.along) < -0.5; };
+  const auto opposite = [](const Side& a, const Side& b) { return dot(a.along, b.along) < -0.5; };
   const std::size_t count = sides.size();
   for (std::size_t first = 0; first < count; ++first) {
     const auto side = [&](std::size_t after) -> const Side& { return sides[(first + after) % count]; };
@@ -149,8 +152,8 @@ inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::v
           if (const auto quad = quad_of(sides, {a, b, c, d}, min_side_px, unseen)) quads.push_back(*quad);
         };
         for (std::size_t k = j + 1; first + k < count; ++k) close(side(k), false);  // begun with the first of the four
-        const Eigen::Vector2d way = a.from - c.to;
-        if (way.norm() > min_side_px) close({c.to, a.from, way.normalized()}, true);
+        const Vec2 way = a.from - c.to;
+        if (norm(way) > min_side_px) close({c.to, a.from, way / norm(way)}, true);
       }
     }
   }

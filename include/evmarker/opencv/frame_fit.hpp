@@ -1,8 +1,5 @@
 #pragma once
 // How well a marker's pose agrees with a frame of last polarities, and the pose nearby that agrees best.
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -25,15 +22,14 @@ struct FrameFit {
 namespace detail {
 
 // 1 last seen brighter, -1 last seen darker, 0 nothing seen there, or outside the frame.
-inline double brightness(const cv::Mat& frame, const Eigen::Vector2d& pixel) {
-  if (!(pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < frame.cols - 0.5 && pixel.y() < frame.rows - 0.5)) return 0;
-  return (frame.at<uchar>(cvRound(pixel.y()), cvRound(pixel.x())) - 128) / 128.0;
+inline double brightness(const cv::Mat& frame, Vec2 pixel) {
+  if (!(pixel.x > -0.5 && pixel.y > -0.5 && pixel.x < frame.cols - 0.5 && pixel.y < frame.rows - 0.5)) return 0;
+  return (frame.at<uchar>(cvRound(pixel.y), cvRound(pixel.x)) - 128) / 128.0;
 }
 
 // Signed distance [px] along the normal from `at` to the place with the most brightness before and darkness behind it;
 // nothing where less than half of the way looks like that, or the step is at the end of the reach.
-inline std::optional<double> find_step(const cv::Mat& frame, const Eigen::Vector2d& at, const Eigen::Vector2d& normal,
-                                       double reach_px) {
+inline std::optional<double> find_step(const cv::Mat& frame, Vec2 at, Vec2 normal, double reach_px) {
   constexpr double kStride = 0.5;  // [px]
   const int reach = static_cast<int>(std::lround(reach_px / kStride));
   const auto seen = [&](int i) { return brightness(frame, at + kStride * i * normal); };
@@ -52,30 +48,36 @@ inline std::optional<double> find_step(const cv::Mat& frame, const Eigen::Vector
   return kStride * step;
 }
 
-using Vector7d = Eigen::Matrix<double, 7, 1>;  // translation [m], rotation [rad], offset [px]
-using Matrix7d = Eigen::Matrix<double, 7, 7>;
+using Vector7 = cv::Vec<double, 7>;  // translation [m], rotation [rad], offset [px]
+using Matrix77 = cv::Matx<double, 7, 7>;
+
+template <CameraModel Camera>
+Vec2 project(const Camera& camera, Vec3 point) {
+  return Eigen::Vector2d(camera.project(point));
+}
 
 // A point of an edge and how its image moves.
 struct EdgePoint {
-  Eigen::Vector3d E;       // [m, camera frame]
-  Eigen::Vector2d e;       // its pixel
-  Eigen::Vector2d normal;  // of the edge in the image, toward the dark side
-  Eigen::Vector3d g;       // d(normal . e) / dE [px/m]
+  Vec3 E;       // [m, camera frame]
+  Vec2 e;       // its pixel
+  Vec2 normal;  // of the edge in the image, toward the dark side
+  Vec3 g;       // d(normal . e) / dE [px/m]
 };
 
 // Nothing where the lens model has no image of the point.
 template <CameraModel Camera>
-std::optional<EdgePoint> project_edge(const Camera& camera, const Eigen::Vector3d& E, const Eigen::Vector3d& S,
-                                      const Eigen::Vector3d& dark_side) {
-  const Eigen::Vector2d e = camera.project(E);
-  const double h = 1e-6 * E.z();
-  Eigen::Matrix<double, 2, 3> de_dE;
-  for (int k = 0; k < 3; ++k) de_dE.col(k) = (camera.project(E + h * Eigen::Vector3d::Unit(k)) - e) / h;
-  const Eigen::Vector2d along = (de_dE * S).normalized();
-  Eigen::Vector2d normal(-along.y(), along.x());
-  if (normal.dot(de_dE * dark_side) < 0) normal = -normal;
-  if (!normal.allFinite() || !e.allFinite()) return std::nullopt;
-  return EdgePoint{E, e, normal, (normal.transpose() * de_dE).transpose()};
+std::optional<EdgePoint> project_edge(const Camera& camera, Vec3 E, Vec3 S, Vec3 dark_side) {
+  const Vec2 e = project(camera, E);
+  const double h = 1e-6 * E.z;
+  // The derivative of the pixel by the point, through the lens.
+  const Vec2 by_x = (project(camera, E + Vec3(h, 0, 0)) - e) / h, by_y = (project(camera, E + Vec3(0, h, 0)) - e) / h,
+             by_z = (project(camera, E + Vec3(0, 0, h)) - e) / h;
+  const auto image_of = [&](Vec3 v) { return v.x * by_x + v.y * by_y + v.z * by_z; };
+  const Vec2 along = image_of(S) / norm(image_of(S));
+  Vec2 normal{-along.y, along.x};
+  if (dot(normal, image_of(dark_side)) < 0) normal = -1 * normal;
+  if (!is_finite(normal) || !is_finite(e)) return std::nullopt;
+  return EdgePoint{E, e, normal, {dot(normal, by_x), dot(normal, by_y), dot(normal, by_z)}};
 }
 
 // Calls `visit` with points along all edges of a model, 2 px apart; false where the camera does not see one of them.
@@ -83,11 +85,11 @@ template <CameraModel Camera, typename Visit>
 bool for_each_edge_point(const Camera& camera, const MarkerModel& model, const Eigen::Isometry3d& T, Visit&& visit) {
   constexpr double kDistancePx = 2;
   for (const MarkerSegment& segment : model.segments) {
-    const Eigen::Vector3d from = T * model.vertices[static_cast<std::size_t>(segment.from)];
-    const Eigen::Vector3d to = T * model.vertices[static_cast<std::size_t>(segment.to)];
-    const Eigen::Vector3d dark_side = T.linear() * segment.dark_side;
-    if (!(from.z() > 0 && to.z() > 0)) return false;
-    const double length_px = (camera.project(to) - camera.project(from)).norm();
+    const Vec3 from = transform(T, model.vertices[static_cast<std::size_t>(segment.from)]);
+    const Vec3 to = transform(T, model.vertices[static_cast<std::size_t>(segment.to)]);
+    const Vec3 dark_side = rotate(T, segment.dark_side);
+    if (!(from.z > 0 && to.z > 0)) return false;
+    const double length_px = norm(project(camera, to) - project(camera, from));
     if (!(length_px < 1e4)) return false;
     const int count = std::max(1, static_cast<int>(length_px / kDistancePx));
     for (int i = 0; i < count; ++i) {
@@ -104,13 +106,15 @@ class EdgeResiduals {
  public:
   void add_missing() { ++points_; }
 
-  void add(const EdgePoint& point, const Eigen::Vector3d& origin, double distance_px) {
+  void add(const EdgePoint& point, Vec3 origin, double distance_px) {
     constexpr double kHuberPx = 1;
-    Vector7d J;
-    J << point.g, (point.E - origin).cross(point.g), 1;
+    const Vec3 g = point.g, turning = cross(point.E - origin, g);
+    const double J[7] = {g.x, g.y, g.z, turning.x, turning.y, turning.z, 1};
     const double weight = kHuberPx / std::max(kHuberPx, std::abs(distance_px));
-    H_ += weight * J * J.transpose();
-    b_ += weight * distance_px * J;
+    for (int k = 0; k < 7; ++k) {
+      for (int i = 0; i < 7; ++i) H_(i, k) += weight * J[i] * J[k];
+      b_(k) += weight * distance_px * J[k];
+    }
     squares_ += std::min(distance_px * distance_px, kMissingPx * kMissingPx);
     ++points_;
     ++found_;
@@ -122,26 +126,40 @@ class EdgeResiduals {
   double cost_px() const { return std::sqrt((squares_ + kMissingPx * kMissingPx * (points_ - found_)) / points_); }
 
   // The Gauss-Newton step, damped in units that make translation, rotation and offset comparable.
-  Vector7d step(double offset_px) const {
+  Vector7 step(double offset_px) const {
     // The offset stays near zero where only an outline is seen: there it cannot be told from the distance.
     constexpr double kOffsetWeight = 10, kDamping = 1e-4;
-    Matrix7d H = H_;
-    Vector7d b = b_;
+    Matrix77 H = H_;
+    Vector7 b = b_;
     H(6, 6) += kOffsetWeight;
     b(6) -= kOffsetWeight * offset_px;
-    const Vector7d scale = H.diagonal().cwiseMax(1e-9).cwiseSqrt().cwiseInverse();
-    const Matrix7d damped = Matrix7d(scale.asDiagonal() * H * scale.asDiagonal()) + kDamping * Matrix7d::Identity();
-    return scale.cwiseProduct(damped.ldlt().solve(scale.cwiseProduct(b)));
+    double scale[7];
+    for (int i = 0; i < 7; ++i) {
+      scale[i] = 1 / std::sqrt(std::max(H(i, i), 1e-9));
+      b(i) *= scale[i];
+    }
+    for (int k = 0; k < 7; ++k) {
+      for (int i = 0; i < 7; ++i) H(i, k) = scale[i] * H(i, k) * scale[k];
+      H(k, k) += kDamping;
+    }
+    Vector7 step = H.solve(b, cv::DECOMP_CHOLESKY);
+    for (int i = 0; i < 7; ++i) step(i) *= scale[i];
+    return step;
   }
 
   // How far a step moves the edges, root mean square.
-  double moved_px(const Vector7d& step) const { return std::sqrt(step.dot(H_ * step) / found_); }
+  double moved_px(const Vector7& step) const {
+    double squares = 0;
+    for (int k = 0; k < 7; ++k)
+      for (int i = 0; i < 7; ++i) squares += step(i) * H_(i, k) * step(k);
+    return std::sqrt(squares / found_);
+  }
 
  private:
   static constexpr double kMissingPx = 2;
 
-  Matrix7d H_ = Matrix7d::Zero();
-  Vector7d b_ = Vector7d::Zero();
+  Matrix77 H_;
+  Vector7 b_;
   double squares_ = 0;
   int points_ = 0, found_ = 0;
 };
@@ -154,7 +172,7 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
   const Eigen::Isometry3d& T = fit.T_camera_marker;
   const bool seen = for_each_edge_point(camera, model, T, [&](const EdgePoint& point) {
     if (const auto step = find_step(frame, point.e, point.normal, reach_px))
-      residuals.add(point, T.translation(), *step - fit.offset_px);
+      residuals.add(point, translation(T), *step - fit.offset_px);
     else
       residuals.add_missing();
   });
@@ -183,11 +201,13 @@ std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame,
     fit.cost_px = residuals->cost_px();
     if (iteration >= iterations || residuals->found() < kFewestSteps) return fit;
 
-    const detail::Vector7d dx = residuals->step(fit.offset_px);
-    if (!dx.allFinite()) return std::nullopt;
+    const detail::Vector7 dx = residuals->step(fit.offset_px);
+    const Vec6 step{{dx(0), dx(1), dx(2)}, {dx(3), dx(4), dx(5)}};
+    if (!is_finite(step) || !std::isfinite(dx(6))) return std::nullopt;
     if (residuals->moved_px(dx) < kConverged_px) return fit;
-    fit.T_camera_marker.translation() += dx.head<3>();
-    fit.T_camera_marker.linear() = orthonormalized(so3_exp(dx.segment<3>(3)) * fit.T_camera_marker.linear());
+    set_translation(fit.T_camera_marker, translation(fit.T_camera_marker) + step.t);
+    turn(fit.T_camera_marker, step.r);
+    orthonormalize(fit.T_camera_marker);
     fit.offset_px += dx(6);
   }
 }
@@ -216,9 +236,9 @@ CodeReading read_code(const Camera& camera, const cv::Mat& frame, const CodeBits
       for (int i = 0; i < kSide; ++i)
         for (int j = 0; j < kSide; ++j) {
           const double u = 0.2 + 0.6 * (i + 0.5) / kSide, v = 0.2 + 0.6 * (j + 0.5) / kSide;
-          const Eigen::Vector3d point((column + u) * cell - length / 2, length / 2 - (row + v) * cell, 0);
-          const Eigen::Vector3d P = T_camera_marker * point;
-          const double seen = P.z() > 0 ? detail::brightness(frame, camera.project(P)) : 0;
+          const Vec3 point((column + u) * cell - length / 2, length / 2 - (row + v) * cell, 0);
+          const Vec3 P = transform(T_camera_marker, point);
+          const double seen = P.z > 0 ? detail::brightness(frame, detail::project(camera, P)) : 0;
           right += white ? seen > 0.5 : seen < -0.5;
           wrong += white ? seen < -0.5 : seen > 0.5;
         }

@@ -172,7 +172,7 @@ void draw_wireframe(cv::Mat& picture, const Camera& camera, const MarkerModel& m
   for (const MarkerSegment& segment : model.segments) {
     const Eigen::Vector3d from = T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.from));
     const Eigen::Vector3d to = T_camera_marker * model.vertices.at(static_cast<std::size_t>(segment.to));
-    if (faces_camera(segment, from, T_camera_marker.linear()))
+    if (faces_camera(segment, from, T_camera_marker))
       detail::draw_edge(picture, camera, from, to, edge_color, thickness, scale);
   }
 }

@@ -1,49 +1,52 @@
 #pragma once
 // A rectangle of the image in square cells.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+
+#include "evmarker/base/box.hpp"
 
 namespace evmarker {
 
 /// A rectangle of the undistorted image [px from the principal point], cut into cells of a pixel or more so that there
 /// are not too many, with a rim of cells around it.
 struct CellRegion {
-  Eigen::Vector2d low{0, 0};  ///< corner
+  Vec2 low;  ///< corner
   double cell_px = 1;
   int width = 1, height = 1;                     ///< [cells]
   int left = 0, top = 0, right = 1, bottom = 1;  ///< cells on the sensor: from (left, top) to before (right, bottom)
 
   /// @param box that is wanted, @param image that there is [px]
   /// @param most cells to each side, @param rim cells around the box
-  static CellRegion of(const Eigen::AlignedBox2d& box, const Eigen::AlignedBox2d& image, int most, int rim) noexcept {
-    Eigen::AlignedBox2d seen = box.intersection(image);
-    if (seen.isEmpty()) seen = Eigen::AlignedBox2d(image.center().eval());
+  static CellRegion of(const Box& box, const Box& image, int most, int rim) noexcept {
+    Box seen = box.intersection(image);
+    if (seen.empty()) seen = {0.5 * (image.low + image.high), 0.5 * (image.low + image.high)};
     CellRegion region;
-    region.cell_px = std::max(1.0, seen.sizes().maxCoeff() / (most - 2 * rim - 1));
-    region.low = seen.min().array() - (rim + 1e-6) * region.cell_px;  // rounding does not put the corner on the rim
-    const Eigen::Array2i size =
-        ((seen.sizes() / region.cell_px).array().floor().cast<int>() + 2 * rim + 1).min(most).eval();
-    region.width = size.x();
-    region.height = size.y();
-    const Eigen::Array2i first = region.place(image.min()).array().floor().max(0).cast<int>();
-    const Eigen::Array2i last = region.place(image.max()).array().floor().min(most).cast<int>().min(size - 1);
-    region.left = first.x();
-    region.top = first.y();
-    region.right = last.x() + 1;
-    region.bottom = last.y() + 1;
+    region.cell_px = std::max(1.0, seen.size() / (most - 2 * rim - 1));
+    region.low = seen.widened((rim + 1e-6) * region.cell_px).low;  // rounding does not put the corner on the rim
+    const auto cells = [&](double length) {
+      return std::min(static_cast<int>(std::floor(length / region.cell_px)) + 2 * rim + 1, most);
+    };
+    region.width = cells(seen.width());
+    region.height = cells(seen.height());
+    const Vec2 first = region.place(image.low), last = region.place(image.high);
+    region.left = static_cast<int>(std::max(std::floor(first.x), 0.0));
+    region.top = static_cast<int>(std::max(std::floor(first.y), 0.0));
+    const auto end = [&](double cell, int size) {
+      return std::min(static_cast<int>(std::min(std::floor(cell), 1.0 * most)), size - 1) + 1;
+    };
+    region.right = end(last.x, region.width);
+    region.bottom = end(last.y, region.height);
     return region;
   }
 
   /// Of a pixel, in cells from the corner.
-  Eigen::Vector2d place(const Eigen::Vector2d& u) const noexcept { return (u - low) / cell_px; }
+  Vec2 place(Vec2 u) const noexcept { return (u - low) / cell_px; }
 
   /// The number of a pixel's cell, row by row, or -1 outside.
-  int cell(const Eigen::Vector2d& u) const noexcept {
-    const Eigen::Vector2d p = place(u);
-    const bool inside = p.x() >= 0 && p.y() >= 0 && p.x() < width && p.y() < height;
-    return inside ? static_cast<int>(p.y()) * width + static_cast<int>(p.x()) : -1;
+  int cell(Vec2 u) const noexcept {
+    const auto [x, y] = place(u);
+    const bool inside = x >= 0 && y >= 0 && x < width && y < height;
+    return inside ? static_cast<int>(y) * width + static_cast<int>(x) : -1;
   }
 
   bool on_sensor(int x, int y) const noexcept { return x >= left && x < right && y >= top && y < bottom; }

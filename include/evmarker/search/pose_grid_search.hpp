@@ -1,7 +1,5 @@
 #pragma once
 // The pose within reach of a rough one at which there is most evidence for a wireframe's edges.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -76,8 +74,9 @@ class PoseGridSearch {
   static constexpr int kOverhead = 16;                 // of a step [look-ups]
   static constexpr double kFewPlaces = 8192;           // of the grid, which may have smaller steps
 
-  using Vector6 = Eigen::Matrix<double, 6, 1>;
-
+  struct Cell {
+    int x = 0, y = 0;
+  };
   struct Candidate {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
     int score = 0;  // [1 / EdgeEvidence::kUnit nat]
@@ -98,37 +97,39 @@ class PoseGridSearch {
   }
 
   // A step sideways [px in the image], along the line of sight [share of the depth], and a rotation about the middle.
-  Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vector6& step) const noexcept {
-    const Eigen::Vector3d middle = T * points_.centre();
-    const Eigen::Matrix3d R = so3_exp(step.tail<3>());
-    Eigen::Isometry3d moved;
-    moved.linear() = R * T.linear();
-    moved.translation() = middle + R * (T.translation() - middle) + step(2) * middle;
-    moved.translation().head<2>() += step.head<2>() * (middle.z() / focal_length_);
+  Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vec6& step) const noexcept {
+    const Vec3 middle = transform(T, points_.centre());
+    Eigen::Isometry3d turn = Eigen::Isometry3d::Identity(), moved = turn;
+    turn.linear() = so3_exp(step.r);
+    moved.linear() = product(turn.linear(), T.linear());
+    const double px = middle.z / focal_length_;
+    set_translation(moved, middle + rotate(turn, translation(T) - middle) + step.t.z * middle +
+                               Vec3(step.t.x * px, step.t.y * px, 0));
     return moved;
   }
 
-  Vector6 grid_step(const std::array<int, 4>& place) const noexcept {
+  Vec6 grid_step(const std::array<int, 4>& place) const noexcept {
     const auto part = [&](std::size_t axis) {
       return most_[axis] > 0 ? static_cast<double>(place[axis]) / most_[axis] : 0;
     };
-    Vector6 step = Vector6::Zero();
-    step << reach_.sideways_px * part(0), reach_.sideways_px * part(1), reach_.depth_share * part(2), 0, 0,
-        reach_.rotation_rad * part(3);
-    return step;
+    return {{reach_.sideways_px * part(0), reach_.sideways_px * part(1), reach_.depth_share * part(2)},
+            {0, 0, reach_.rotation_rad * part(3)}};
   }
 
   // At the present depth and turn: a shift in the image moves all of them alike.
   void project_points() noexcept {
     const Eigen::Isometry3d T = moved(T_rough_, grid_step({0, 0, place_[2], place_[3]}));
-    for (std::size_t i = 0; i < points_.size(); ++i) projected_[i] = cell_of(T * points_[i]);
+    for (std::size_t i = 0; i < points_.size(); ++i) projected_[i] = cell_of(transform(T, points_[i]));
   }
 
   // Looks at one place of the grid.
   int scan(const EdgeEvidence& evidence) noexcept {
-    const Eigen::Array2i shift = (grid_step(place_).head<2>() / region_.cell_px).array().round().cast<int>();
+    const Vec3 step = grid_step(place_).t;
+    const Cell shift{static_cast<int>(std::round(step.x / region_.cell_px)),
+                     static_cast<int>(std::round(step.y / region_.cell_px))};
     int score = 0;
-    for (std::size_t i = 0; i < points_.size(); ++i) score += at(evidence, projected_[i] + shift);
+    for (std::size_t i = 0; i < points_.size(); ++i)
+      score += at(evidence, {projected_[i].x + shift.x, projected_[i].y + shift.y});
     best_nodes_.add({place_, score});
     const auto points = static_cast<int>(points_.size()) + kOverhead;
     if (next(0) || next(1)) return points;
@@ -153,36 +154,39 @@ class PoseGridSearch {
     return false;
   }
 
-  Eigen::Array2i cell_of(const Eigen::Vector3d& P) const noexcept {
-    constexpr double kAway = 1e6;
-    if (!(P.z() > 1e-6)) return Eigen::Array2i::Constant(static_cast<int>(kAway));
-    const Eigen::Vector2d place = region_.place(focal_length_ / P.z() * P.head<2>());
-    return place.array().floor().max(-kAway).min(kAway).cast<int>();
+  Cell cell_of(Vec3 P) const noexcept {
+    constexpr int kAway = 1000000;
+    if (!(P.z > 1e-6)) return {kAway, kAway};
+    const Vec2 place = region_.place(focal_length_ / P.z * Vec2(P.x, P.y));
+    const auto cell = [](double x) { return static_cast<int>(std::max(-1.0 * kAway, std::min(std::floor(x), 1.0 * kAway))); };
+    return {cell(place.x), cell(place.y)};
   }
 
-  int at(const EdgeEvidence& evidence, const Eigen::Array2i& cell) const noexcept {
-    const bool inside = static_cast<unsigned>(cell.x()) < static_cast<unsigned>(region_.width) &&
-                        static_cast<unsigned>(cell.y()) < static_cast<unsigned>(region_.height);
-    return inside ? evidence[static_cast<std::size_t>(cell.y() * region_.width + cell.x())] : 0;
+  int at(const EdgeEvidence& evidence, Cell cell) const noexcept {
+    const bool inside = static_cast<unsigned>(cell.x) < static_cast<unsigned>(region_.width) &&
+                        static_cast<unsigned>(cell.y) < static_cast<unsigned>(region_.height);
+    return inside ? evidence[static_cast<std::size_t>(cell.y * region_.width + cell.x)] : 0;
   }
 
   int score_of(const EdgeEvidence& evidence, const Eigen::Isometry3d& T) const noexcept {
     int score = prior(T);
-    for (const Eigen::Vector3d& point : points_) score += at(evidence, cell_of(T * point));
+    for (const Vec3& point : points_) score += at(evidence, cell_of(transform(T, point)));
     return score;
   }
 
   // Of the tilt, which few events hardly show: the rough one, to within half of the rotation's reach (sigma).
   int prior(const Eigen::Isometry3d& T) const noexcept {
     const double sigma = std::max(reach_.rotation_rad / 2, 1e-3);
-    const Eigen::Vector2d tilt = so3_log(T.linear() * T_rough_.linear().transpose()).head<2>();
-    return static_cast<int>(-0.5 * std::min(tilt.squaredNorm() / (sigma * sigma), 1e3) / nats(1));
+    const Eigen::Matrix3d R_rough_camera = T_rough_.linear().transpose();
+    const Vec3 turn = so3_log(product(T.linear(), R_rough_camera));
+    const double tilt2 = turn.x * turn.x + turn.y * turn.y;
+    return static_cast<int>(-0.5 * std::min(tilt2 / (sigma * sigma), 1e3) / nats(1));
   }
 
   void start_refining() noexcept {
     constexpr double kTilt = 0.05;
     const double step_px = kStep / 2 * region_.cell_px, turn = step_px / radius_px_;
-    steps_ << step_px, step_px, turn, kTilt, kTilt, turn;
+    steps_ = {step_px, step_px, turn, kTilt, kTilt, turn};
     trial_ = 0;
   }
 
@@ -190,10 +194,13 @@ class PoseGridSearch {
   int refine(const EdgeEvidence& evidence) noexcept {
     constexpr int kHalvings = 4, kRounds = 3, kTrials = 12;
     Candidate& candidate = candidates_[refined_];
-    const int axis = trial_ % kTrials / 2;
-    const Eigen::Isometry3d T = moved(candidate.T, (trial_ % 2 == 0 ? -1 : 1) * steps_(axis) * Vector6::Unit(axis));
+    const auto axis = static_cast<std::size_t>(trial_ % kTrials / 2);
+    std::array<double, 6> step{};
+    step[axis] = (trial_ % 2 == 0 ? -1 : 1) * steps_[axis];
+    const Eigen::Isometry3d T = moved(candidate.T, {{step[0], step[1], step[2]}, {step[3], step[4], step[5]}});
     if (const int score = score_of(evidence, T); score > candidate.score) candidate = {T, score};
-    if (++trial_ % (kRounds * kTrials) == 0) steps_ /= 2;
+    if (++trial_ % (kRounds * kTrials) == 0)
+      for (double& step_of_axis : steps_) step_of_axis /= 2;
     if (trial_ == kHalvings * kRounds * kTrials) {
       start_refining();
       if (++refined_ == best_nodes_.size()) finish();
@@ -213,10 +220,8 @@ class PoseGridSearch {
   // Whether two poses are so far from each other that a tracker does not come from one to the other.
   bool apart(const Eigen::Isometry3d& T, const Eigen::Isometry3d& U) const noexcept {
     double squared_px = 0;
-    for (const Eigen::Vector3d& point : points_) {
-      const Eigen::Vector3d P = T * point, Q = U * point;
-      squared_px += (focal_length_ * (P.head<2>() / P.z() - Q.head<2>() / Q.z())).squaredNorm();
-    }
+    for (const Vec3& point : points_)
+      squared_px += squared_norm(focal_length_ * (on_plane(transform(T, point)) - on_plane(transform(U, point))));
     const double same_px = kStep * region_.cell_px;
     return squared_px > same_px * same_px * static_cast<double>(points_.size());
   }
@@ -231,13 +236,13 @@ class PoseGridSearch {
   std::array<int, 4> most_{};  // its steps to each side: right, down, depth, turn
 
   std::array<int, 4> place_{};
-  std::array<Eigen::Array2i, WireframePoints::kMost> projected_{};  // [cells]
+  std::array<Cell, WireframePoints::kMost> projected_{};  // [cells]
   DistinctBest best_nodes_;
   bool scanned_ = false, done_ = true;
   std::array<Candidate, DistinctBest::kMost> candidates_{};
   std::size_t refined_ = 0;
   int trial_ = 0;
-  Vector6 steps_ = Vector6::Zero();
+  std::array<double, 6> steps_{};
   Candidate best_;
   int rival_score_ = 0;
 };

@@ -1,7 +1,5 @@
 #pragma once
 // Looks for a wireframe near a rough pose until its events show it, a bounded step with every event.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -11,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/require.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/event_history.hpp"
@@ -58,7 +57,7 @@ class StartPoseSearch {
   /// @param focal_length [px]
   /// @param image the sensor, undistorted, from the principal point [px]
   /// @throws std::invalid_argument naming the setting that is out of range
-  StartPoseSearch(MarkerModel model, double focal_length, const Eigen::AlignedBox2d& image,
+  StartPoseSearch(MarkerModel model, double focal_length, const Box& image,
                   const Eigen::Isometry3d& T_rough, const StartPoseSearchSettings& settings)
       : settings_(settings), model_(std::move(model)), focal_length_(focal_length), image_(image) {
     validate(settings);
@@ -67,7 +66,7 @@ class StartPoseSearch {
 
   /// Searches around another pose, as far as the settings say.
   void restart(const Eigen::Isometry3d& T_rough) noexcept {
-    restart(T_rough, {settings_.reach_share * image_box(model_, focal_length_, T_rough).sizes().maxCoeff(),
+    restart(T_rough, {settings_.reach_share * image_box(model_, focal_length_, T_rough).size(),
                       settings_.depth_share, settings_.rotation_rad});
   }
 
@@ -90,7 +89,7 @@ class StartPoseSearch {
   }
 
   /// Takes an event with its undistorted pixel, counted from the principal point. True when it completes the search.
-  bool push(const Event& event, const Eigen::Vector2d& u) noexcept {
+  bool push(const Event& event, Vec2 u) noexcept {
     if (state_ != State::searching) return false;
     if (!since_) since_ = last_ = event.t;
     if (settings_.longest && event.t > *since_ && event.t - *since_ > settings_.longest->count()) {
@@ -141,11 +140,10 @@ class StartPoseSearch {
 
   // The region, the points and the grid, at the rough pose.
   void lay_out(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
-    Eigen::AlignedBox2d box = image_box(model_, focal_length_, T_rough);
-    const double radius_px = std::max(1.0, box.sizes().maxCoeff()) / 2;
+    const Box box = image_box(model_, focal_length_, T_rough);
+    const double radius_px = std::max(1.0, box.size()) / 2;
     const double margin_px = reach.sideways_px + radius_px * (reach.depth_share + std::min(reach.rotation_rad, 1.0));
-    box = Eigen::AlignedBox2d(box.min().array() - margin_px, box.max().array() + margin_px);
-    region_ = CellRegion::of(box, image_, kSide, EdgeEvidence::kFar);
+    region_ = CellRegion::of(box.widened(margin_px), image_, kSide, EdgeEvidence::kFar);
     WireframePoints points;
     points.place(model_, focal_length_, T_rough, PoseGridSearch::kSpacing * region_.cell_px);
     least_events_ = 0.5 * points.length_px() / region_.cell_px;
@@ -211,7 +209,7 @@ class StartPoseSearch {
   StartPoseSearchSettings settings_;
   MarkerModel model_;
   double focal_length_;
-  Eigen::AlignedBox2d image_;
+  Box image_;
 
   CellRegion region_;
   PoseGridSearch grid_;

@@ -1,13 +1,12 @@
 #pragma once
 // Points along the edges of a wireframe that are seen at a pose.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <span>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/model/marker_model.hpp"
 
 namespace evmarker {
@@ -17,24 +16,27 @@ namespace evmarker {
 template <typename Use>
 void for_each_visible_edge(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                            const Use& use) noexcept {
-  const auto image = [&](const Eigen::Vector3d& P) -> Eigen::Vector2d { return focal_length / P.z() * P.head<2>(); };
+  const auto image = [&](Vec3 P) { return focal_length / P.z * Vec2(P.x, P.y); };
   for (const MarkerSegment& edge : model.segments) {
-    const Eigen::Vector3d& from = model.vertices[static_cast<std::size_t>(edge.from)];
-    const Eigen::Vector3d& to = model.vertices[static_cast<std::size_t>(edge.to)];
-    const Eigen::Vector3d a = T_camera_marker * from, b = T_camera_marker * to;
-    if (a.z() > 1e-6 && b.z() > 1e-6 && faces_camera(edge, a, T_camera_marker.linear()))
+    const Vec3 from = model.vertices[static_cast<std::size_t>(edge.from)];
+    const Vec3 to = model.vertices[static_cast<std::size_t>(edge.to)];
+    const Vec3 a = transform(T_camera_marker, from), b = transform(T_camera_marker, to);
+    if (a.z > 1e-6 && b.z > 1e-6 && faces_camera(edge, a, T_camera_marker))
       use(from, to, image(a), image(b));
   }
 }
 
 /// The box around the visible edges [px from the principal point]; a point where there are none.
-inline Eigen::AlignedBox2d image_box(const MarkerModel& model, double focal_length,
+inline Box image_box(const MarkerModel& model, double focal_length,
                                      const Eigen::Isometry3d& T_camera_marker) noexcept {
-  Eigen::AlignedBox2d box;
+  Box box;
   for_each_visible_edge(
       model, focal_length, T_camera_marker,
-      [&](const auto&, const auto&, const Eigen::Vector2d& u, const Eigen::Vector2d& v) { box.extend(u).extend(v); });
-  return box.isEmpty() ? Eigen::AlignedBox2d(Eigen::Vector2d::Zero().eval()) : box;
+      [&](Vec3, Vec3, Vec2 u, Vec2 v) {
+        box.extend(u);
+        box.extend(v);
+      });
+  return box.empty() ? Box{{0, 0}, {0, 0}} : box;
 }
 
 /// At most kMost points at equal distances along the visible edges, in fixed memory.
@@ -47,36 +49,36 @@ class WireframePoints {
              double spacing_px) noexcept {
     count_ = 0;
     length_px_ = 0;
-    centre_.setZero();
+    centre_ = {};
     const auto for_each_edge = [&](const auto& use) {
       for_each_visible_edge(model, focal_length, T_camera_marker, use);
     };
-    for_each_edge([&](const auto&, const auto&, const auto& u, const auto& v) { length_px_ += (v - u).norm(); });
+    for_each_edge([&](Vec3, Vec3, Vec2 u, Vec2 v) { length_px_ += norm(v - u); });
     const double count = std::floor(std::clamp(length_px_ / spacing_px, 1.0, static_cast<double>(kMost)));
     const double spacing = length_px_ / count;
     double next = spacing / 2;  // along the present edge [px]
-    for_each_edge([&](const Eigen::Vector3d& from, const Eigen::Vector3d& to, const auto& u, const auto& v) {
-      const double edge_px = (v - u).norm();
+    for_each_edge([&](Vec3 from, Vec3 to, Vec2 u, Vec2 v) {
+      const double edge_px = norm(v - u);
       for (; next < edge_px && count_ < kMost; next += spacing)
-        centre_ += points_[count_++] = from + next / edge_px * (to - from);
+        centre_ = centre_ + (points_[count_++] = from + next / edge_px * (to - from));
       next -= edge_px;
     });
-    centre_ /= static_cast<double>(std::max<std::size_t>(1, count_));
+    centre_ = centre_ / static_cast<double>(std::max<std::size_t>(1, count_));
   }
 
   std::size_t size() const noexcept { return count_; }
-  const Eigen::Vector3d& operator[](std::size_t i) const noexcept { return points_[i]; }
+  const Vec3& operator[](std::size_t i) const noexcept { return points_[i]; }
   auto begin() const noexcept { return points_.begin(); }
   auto end() const noexcept { return points_.begin() + static_cast<std::ptrdiff_t>(count_); }
   /// Their mean, marker frame [m].
-  const Eigen::Vector3d& centre() const noexcept { return centre_; }
+  const Vec3& centre() const noexcept { return centre_; }
   /// Of all visible edges.
   double length_px() const noexcept { return length_px_; }
 
  private:
-  std::array<Eigen::Vector3d, kMost> points_;  // marker frame [m]
+  std::array<Vec3, kMost> points_;  // marker frame [m]
   std::size_t count_ = 0;
-  Eigen::Vector3d centre_{0, 0, 0};
+  Vec3 centre_;
   double length_px_ = 0;
 };
 

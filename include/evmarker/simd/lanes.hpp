@@ -1,5 +1,6 @@
 #pragma once
 // Numbers that are computed together, for loops that the compiler makes vectors of.
+#include <Eigen/Core>
 #include <array>
 #include <cstddef>
 
@@ -16,6 +17,13 @@ using Lanes = std::array<double, kLanes>;
   for (std::size_t i = 0; i < 4; ++i) four[i] = lanes[i] + lanes[i + 4];
   for (std::size_t i = 0; i < 2; ++i) two[i] = four[i] + four[i + 2];
   return two[0] + two[1];
+}
+
+/// Takes the square root of each lane.
+// Through Eigen: a loop over std::sqrt, which may have to set errno, does not become a vector instruction.
+[[gnu::always_inline]] inline void take_root(Lanes& lanes) noexcept {
+  Eigen::Map<Eigen::Array<double, kLanes, 1>> all(lanes.data());
+  all = all.sqrt();
 }
 
 // Vectors have these as one instruction; of a NaN they make the bound.

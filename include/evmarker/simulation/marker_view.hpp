@@ -1,13 +1,11 @@
 #pragma once
 // A printed marker as a camera sees it at one pose.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
+#include "evmarker/base/vector.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
 
 namespace evmarker {
@@ -15,14 +13,20 @@ namespace evmarker {
 /// Line of sight of a pixel and its change from pixel to pixel. In single precision, so that many fit the processor's
 /// cache: that moves a pixel by less than 1e-4 px, and always by the same.
 struct Sight {
-  Eigen::Vector2f m;
-  Eigen::Matrix2f per_px;
+  float x = 0, y = 0;                                    ///< (X/Z, Y/Z)
+  float x_per_x = 0, y_per_x = 0, x_per_y = 0, y_per_y = 0;  ///< its change to the next pixel in x, and in y
+
+  Vec2 m() const noexcept { return {x, y}; }
+  bool shows() const noexcept { return std::isfinite(x) && std::isfinite(y); }
+  float scale() const noexcept {
+    return std::sqrt((x_per_x * x_per_x + x_per_y * x_per_y) + (y_per_x * y_per_x + y_per_y * y_per_y));
+  }
 };
 
 /// How far [px] around a line of sight a fisheye lens shows a plane in one scale, to a tenth.
 /// @param focal_length [px]
 inline double fisheye_reach_px(const Sight& sight, double focal_length) {
-  const double tangent = static_cast<double>(sight.m.norm());  // the scale goes with 1 + tangent^2
+  const double tangent = static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y));  // the scale goes with 1 + tangent^2
   return focal_length * 0.5 * (std::sqrt(tangent * tangent + 0.2) - tangent);
 }
 
@@ -41,45 +45,44 @@ class MarkerView {
   /// @param length side of the black square [m]
   MarkerView(const PrintedMarker& print, double length, const Eigen::Isometry3d& T_camera_marker) {
     const auto& T = T_camera_marker;
-    const double facing = T.linear().col(2).dot(T.translation());
-    const bool edge_on = !(std::abs(facing) > 1e-6 * T.translation().norm());
-    if (!T.matrix().allFinite() || edge_on) return;
+    const double facing = dot(axis(T, 2), translation(T));
+    const bool edge_on = !(std::abs(facing) > 1e-6 * norm(translation(T)));
+    if (!is_finite(T) || edge_on) return;
     back_ = facing > 0;
 
     const double cell = length / print.cells();
-    Eigen::Matrix3d camera_from_lattice;  // top left corner of the black square, one cell right, one cell down
-    camera_from_lattice.col(0) = T.linear().col(0) * cell;
-    camera_from_lattice.col(1) = T.linear().col(1) * -cell;
-    camera_from_lattice.col(2) = T * Eigen::Vector3d(-length / 2, length / 2, 0);
-    lattice_ = camera_from_lattice.inverse();
+    // One cell right, one cell down, top left corner of the black square.
+    const Vec3 right = cell * axis(T, 0), down = -cell * axis(T, 1), corner = transform(T, {-length / 2, length / 2, 0});
+    const double inverse = 1 / dot(cross(down, corner), right);
+    grid_ = {inverse * cross(down, corner), inverse * cross(corner, right), inverse * cross(right, down)};
 
     const double nearest = 0.01 * length, extent = print.last_edge() - print.first_edge();
     bool whole = true;
     for (std::size_t i = 0; i < probes_.size(); ++i) {
       const double column = static_cast<double>(i % 5) / 4, row = static_cast<double>(i / 5) / 4;
-      const Eigen::Vector3d point = camera_from_lattice * Eigen::Vector3d(print.first_edge() + extent * column,
-                                                                          print.first_edge() + extent * row, 1);
-      const bool in_front = point.z() > nearest;
+      const double a = print.first_edge() + extent * column, b = print.first_edge() + extent * row;
+      const Vec3 point = a * right + b * down + corner;
+      const bool in_front = point.z > nearest;
       visible_ = visible_ || in_front;
       whole = whole && in_front;
-      probes_[i] = in_front ? Eigen::Vector2d(point.head<2>() / point.z())
-                            : Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+      constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+      probes_[i] = in_front ? on_plane(point) : Vec2(kNone, kNone);
     }
     radius_ = whole ? 0 : std::numeric_limits<double>::infinity();
     if (!whole) return;
     center_ = probes_[12];
-    for (const auto& point : probes_) radius_ = std::max(radius_, (point - center_).norm());
+    for (const Vec2& point : probes_) radius_ = std::max(radius_, norm(point - center_));
   }
 
   bool visible() const noexcept { return visible_; }
   /// Whether the blank side faces the camera.
   bool back() const noexcept { return back_; }
   /// Points of the sheet on the plane z = 1, NaN behind the camera.
-  const std::array<Eigen::Vector2d, 25>& probes() const noexcept { return probes_; }
+  const std::array<Vec2, 25>& probes() const noexcept { return probes_; }
 
   /// Distance [px] of a line of sight from a circle around the sheet; negative inside.
   double distance_px(const Sight& sight) const {
-    return ((sight.m.cast<double>() - center_).norm() - radius_) / static_cast<double>(sight.per_px.norm());
+    return (norm(sight.m() - center_) - radius_) / static_cast<double>(sight.scale());
   }
 
   /// @param point_spread_px sigma of the blur
@@ -91,17 +94,18 @@ class MarkerView {
       return 0.85 * distance_px - (on_paper ? 2.3 : 3.1) * point_spread_px;
     };
     if (!visible_) return {0, 0, 0, std::numeric_limits<double>::infinity()};
-    const Eigen::Vector2d m = sight.m.cast<double>();
-    if ((m - center_).squaredNorm() > radius_ * radius_)
+    const Vec2 m = sight.m();
+    if (squared_norm(m - center_) > radius_ * radius_)
       if (const double to_circle = safe(distance_px(sight), false); to_circle > 0) return {0, 0, 0, to_circle};
-    const Eigen::Vector3d h = lattice_ * m.homogeneous();
-    if (!(h.z() > 0)) return {};  // the sheet's plane is behind the camera here
-    const double depth = 1 / h.z(), a = h.x() * depth, b = h.y() * depth;
-    const auto gradient = [&](Eigen::Index row, double value) {  // [cells/px]
-      const double per_mx = lattice_(row, 0) - value * lattice_(2, 0);
-      const double per_my = lattice_(row, 1) - value * lattice_(2, 1);
-      const double per_x = per_mx * sight.per_px(0, 0) + per_my * sight.per_px(1, 0);
-      const double per_y = per_mx * sight.per_px(0, 1) + per_my * sight.per_px(1, 1);
+    const auto at = [&](const Vec3& row) { return row.x * m.x + row.y * m.y + row.z; };
+    const double inverse_depth = at(grid_[2]);
+    if (!(inverse_depth > 0)) return {};  // the sheet's plane is behind the camera here
+    const double depth = 1 / inverse_depth, a = at(grid_[0]) * depth, b = at(grid_[1]) * depth;
+    const auto gradient = [&](std::size_t row, double value) {  // [cells/px]
+      const double per_mx = grid_[row].x - value * grid_[2].x;
+      const double per_my = grid_[row].y - value * grid_[2].y;
+      const double per_x = per_mx * sight.x_per_x + per_my * sight.y_per_x;
+      const double per_y = per_mx * sight.x_per_y + per_my * sight.y_per_y;
       return std::sqrt(per_x * per_x + per_y * per_y) * depth;
     };
     const double gradient_a = gradient(0, a), gradient_b = gradient(1, b);
@@ -109,15 +113,15 @@ class MarkerView {
     const double sigma_a = gradient_a * point_spread_px, sigma_b = gradient_b * point_spread_px;
     const auto sheet = back_ ? print.back(a, b, sigma_a, sigma_b) : print.front(a, b, sigma_a, sigma_b);
     const double distance_px = sheet.clearance / std::max(gradient_a, gradient_b);
-    return {h.z(), sheet.coverage, sheet.radiance, safe(distance_px, 2 * sheet.radiance > print.white())};
+    return {inverse_depth, sheet.coverage, sheet.radiance, safe(distance_px, 2 * sheet.radiance > print.white())};
   }
 
  private:
   bool visible_ = false, back_ = false;
-  Eigen::Matrix3d lattice_;       // line of sight -> homogeneous lattice coordinates, third = inverse depth
-  Eigen::Vector2d center_{0, 0};  // circle around the sheet on the plane z = 1
-  double radius_ = 0;             // infinite where part of the sheet is behind the camera
-  std::array<Eigen::Vector2d, 25> probes_;
+  std::array<Vec3, 3> grid_;  // line of sight -> homogeneous grid coordinates, third = inverse depth
+  Vec2 center_;               // circle around the sheet on the plane z = 1
+  double radius_ = 0;         // infinite where part of the sheet is behind the camera
+  std::array<Vec2, 25> probes_;
 };
 
 }  // namespace evmarker

@@ -37,7 +37,7 @@ inline double edge_profile(double x) {
 /// last of both are the quiet zone, the next ones the black border.
 using CellShades = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// The sheet on which a marker is printed, in lattice coordinates: (0, 0) is the top left corner of the black border,
+/// The sheet on which a marker is printed, in grid coordinates: (0, 0) is the top left corner of the black border,
 /// a to the right, b down, one unit a cell; the quiet zone lies around it.
 class PrintedMarker {
  public:
@@ -86,12 +86,12 @@ class PrintedMarker {
   int cells() const noexcept { return cells_; }
   /// Share of the light that the paper sends back.
   double white() const noexcept { return white_; }
-  /// Lattice coordinates of the sheet's first and last edge.
+  /// Grid coordinates of the sheet's first and last edge.
   double first_edge() const noexcept { return edges_.front(); }
   double last_edge() const noexcept { return edges_.back(); }
 
   /// The front of the sheet at (a, b) behind a Gaussian blur of the given sigmas [cells]; exact along straight edges,
-  /// and at corners where the lattice axes are perpendicular in the image.
+  /// and at corners where the grid axes are perpendicular in the image.
   Sample front(double a, double b, double sigma_a, double sigma_b) const {
     const Weights columns(edges_, a, sigma_a), rows(edges_, b, sigma_b);
     Sample sample;
@@ -132,7 +132,7 @@ class PrintedMarker {
  private:
   static constexpr int kMaxCells = 64;
 
-  // How much of a blurred point each column (or row) of the lattice takes.
+  // How much of a blurred point each column (or row) of the grid takes.
   struct Weights {
     std::array<double, kMaxCells> weight;  // only first..last are set
     int first, last;
@@ -185,7 +185,7 @@ class PrintedMarker {
 
   int cells_;
   double white_;
-  std::vector<double> edges_;  // lattice lines, the sheet's own edges included
+  std::vector<double> edges_;  // grid lines, the sheet's own edges included
   CellShades shades_;
 };
 

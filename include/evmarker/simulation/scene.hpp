@@ -60,7 +60,7 @@ struct Background {
   Eigen::Vector2d velocity_px_per_s = {0, 0};  ///< in the image
   std::uint64_t seed = 1;                      ///< of the patches
 
-  bool moves() const noexcept { return contrast != 0 && velocity_px_per_s != Eigen::Vector2d::Zero(); }
+  bool moves() const noexcept { return contrast != 0 && squared_norm(Vec2(velocity_px_per_s)) != 0; }
 };
 
 /// All of it.
@@ -78,15 +78,15 @@ inline void validate(const Scene& scene) {
     const std::string name = "marker " + std::to_string(i) + ": ";
     require.positive(marker.length, name + "length");
     if (!marker.T_camera_marker) throw std::invalid_argument("scene: " + name + "T_camera_marker is not set");
-    if (!marker.T_camera_marker(0).matrix().allFinite())
+    if (!is_finite(marker.T_camera_marker(0)))
       throw std::invalid_argument("scene: " + name + "T_camera_marker is not finite at 0 s");
   }
   for (std::size_t i = 0; i < scene.occluders.size(); ++i) {
     const auto& occluder = scene.occluders[i];
     const std::string name = "occluder " + std::to_string(i) + ": ";
     if (!occluder.center_px) throw std::invalid_argument("scene: " + name + "center_px is not set");
-    require.positive(occluder.half_size_px.minCoeff(), name + "half_size_px");
-    require(occluder.half_size_px.allFinite(), name + "half_size_px", occluder.half_size_px.maxCoeff());
+    require.positive(occluder.half_size_px.x(), name + "half_size_px");
+    require.positive(occluder.half_size_px.y(), name + "half_size_px");
     require.positive(occluder.shade, name + "shade");
     require(occluder.from_s < occluder.until_s, name + "until_s (against from_s)", occluder.until_s);
   }
@@ -94,8 +94,8 @@ inline void validate(const Scene& scene) {
   require.positive(background.mean, "background: mean");
   require.not_negative(background.contrast, "background: contrast");
   require.positive(background.texture_size_px, "background: texture_size_px");
-  require(background.velocity_px_per_s.allFinite(), "background: velocity_px_per_s",
-          background.velocity_px_per_s.sum());
+  const Vec2 velocity = background.velocity_px_per_s;
+  require(is_finite(velocity), "background: velocity_px_per_s", velocity.x + velocity.y);
 }
 
 }  // namespace evmarker

@@ -1,6 +1,5 @@
 #pragma once
 // The light that a scene sends to each pixel of a camera.
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "evmarker/base/vector.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/simulation/marker_view.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
@@ -92,7 +92,7 @@ class SceneRenderer {
   struct TileSight {
     Sight center;
     double radius_px;        // infinite if the lens shows nothing to some pixel
-    Eigen::Vector2d corner;  // the first pixel
+    Vec2 corner;             // the first pixel
   };
 
   static Scene checked(Scene scene) {
@@ -124,7 +124,7 @@ class SceneRenderer::Frame {
 
   struct OccluderView {
     bool visible = false;
-    Eigen::Vector2d center{0, 0};
+    Vec2 center;
   };
   std::vector<MarkerView> markers_;
   std::vector<OccluderView> occluders_;
@@ -132,31 +132,37 @@ class SceneRenderer::Frame {
 
 inline void SceneRenderer::compute_sights() {
   const SensorSize size = camera_.sensor_size();
-  std::vector<Eigen::Vector2d> rays;  // one more on each side, so that borders have neighbours too
+  std::vector<Vec2> rays;  // one more on each side, so that borders have neighbours too
   for (int y = -1; y <= size.height; ++y)
-    for (int x = -1; x <= size.width; ++x) rays.push_back(camera_.line_of_sight({x, y}).head<2>());
-  const auto ray = [&](int x, int y) -> const Eigen::Vector2d& {
+    for (int x = -1; x <= size.width; ++x) {
+      const Eigen::Vector3d M = camera_.line_of_sight({x, y});
+      rays.emplace_back(M.x(), M.y());
+    }
+  const auto ray = [&](int x, int y) -> const Vec2& {
     return rays[static_cast<std::size_t>((y + 1) * (size.width + 2) + x + 1)];
   };
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  sights_.assign(grid_.indices(), {Eigen::Vector2f::Constant(nan), Eigen::Matrix2f::Constant(nan)});
+  sights_.assign(grid_.indices(), {nan, nan, nan, nan, nan, nan});
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x) {
       Sight& sight = sights_[grid_.index(x, y)];
-      sight.per_px.col(0) = ((ray(x + 1, y) - ray(x - 1, y)) / 2).cast<float>();
-      sight.per_px.col(1) = ((ray(x, y + 1) - ray(x, y - 1)) / 2).cast<float>();
-      if (sight.per_px.allFinite()) sight.m = ray(x, y).cast<float>();
-      if (sight.m.allFinite()) largest_tangent_ = std::max(largest_tangent_, static_cast<double>(sight.m.norm()));
+      const Vec2 m = ray(x, y), per_x = (ray(x + 1, y) - ray(x - 1, y)) / 2,
+                 per_y = (ray(x, y + 1) - ray(x, y - 1)) / 2;
+      if (!is_finite(per_x) || !is_finite(per_y) || !is_finite(m)) continue;
+      sight = {static_cast<float>(m.x),     static_cast<float>(m.y),     static_cast<float>(per_x.x),
+               static_cast<float>(per_x.y), static_cast<float>(per_y.x), static_cast<float>(per_y.y)};
+      largest_tangent_ =
+          std::max(largest_tangent_, static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y)));
     }
   for (std::size_t tile = 0; tile < grid_.tiles(); ++tile) {
     const Sight* const begin = &sights_[tile * TileGrid::kPixelsPerTile];
     TileSight& view = tile_sights_.emplace_back(
         TileSight{begin[0], 0,
-                  Eigen::Vector2d(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
+                  Vec2(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
     for (std::size_t i = 0; i < TileGrid::kPixelsPerTile; ++i)
       if (grid_.on_sensor(tile * TileGrid::kPixelsPerTile + i)) {
-        const double distance =
-            static_cast<double>((begin[i].m - view.center.m).norm() / view.center.per_px.norm() * 1.5f);
+        const float x = begin[i].x - view.center.x, y = begin[i].y - view.center.y;
+        const double distance = static_cast<double>(std::sqrt(x * x + y * y) / view.center.scale() * 1.5f);
         view.radius_px =
             std::isfinite(distance) ? std::max(view.radius_px, distance) : std::numeric_limits<double>::infinity();
       }
@@ -174,27 +180,28 @@ inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
     auto& view = frame.occluders_.emplace_back();
     if (seconds < occluder.from_s || seconds >= occluder.until_s) continue;
     view.center = occluder.center_px(seconds);
-    view.visible = view.center.allFinite();
+    view.visible = is_finite(view.center);
   }
   return frame;
 }
 
 inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size_t index, const Activity& there) const {
-  const Eigen::Vector2d pixel = tile_sights_[index / TileGrid::kPixelsPerTile].corner +
-                                Eigen::Vector2d(index % TileGrid::kSide, index / TileGrid::kSide % TileGrid::kSide);
+  const Vec2 pixel = tile_sights_[index / TileGrid::kPixelsPerTile].corner +
+                     Vec2(static_cast<double>(index % TileGrid::kSide),
+                          static_cast<double>(index / TileGrid::kSide % TileGrid::kSide));
   double light = 0, remaining = 1, clearance = std::numeric_limits<double>::infinity();
 
   for (const std::size_t i : there.occluders) {
     const auto& view = frame.occluders_[i];
     if (!view.visible) continue;
-    const Eigen::Array2d half_size = scene_.occluders[i].half_size_px;
-    const Eigen::Array2d inside = half_size - (pixel - view.center).array().abs();
-    clearance = std::min(clearance, std::abs(inside.minCoeff()) - kEdgeReach * point_spread_px_);
-    const auto profile = [&](Eigen::Index axis) {
-      const double far_side = 2 * half_size(axis) - inside(axis);
-      return edge_profile(inside(axis) / point_spread_px_) + edge_profile(far_side / point_spread_px_) - 1;
+    const Vec2 half_size = scene_.occluders[i].half_size_px, from_center = pixel - view.center;
+    const Vec2 inside{half_size.x - std::abs(from_center.x), half_size.y - std::abs(from_center.y)};
+    clearance = std::min(clearance, std::abs(std::min(inside.x, inside.y)) - kEdgeReach * point_spread_px_);
+    const auto profile = [&](double near_side, double half) {
+      const double far_side = 2 * half - near_side;
+      return edge_profile(near_side / point_spread_px_) + edge_profile(far_side / point_spread_px_) - 1;
     };
-    const double coverage = profile(0) * profile(1);
+    const double coverage = profile(inside.x, half_size.x) * profile(inside.y, half_size.y);
     light += remaining * coverage * scene_.occluders[i].shade;
     remaining *= 1 - coverage;
   }
@@ -203,7 +210,7 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
   std::size_t count = 0;
   const Sight& sight = sights_[index];
   if (fisheye_) clearance = std::min(clearance, fisheye_reach_px(sight, camera_.focal_length()));
-  if (remaining > 0 && sight.m.allFinite())
+  if (remaining > 0 && sight.shows())
     for (const std::size_t i : there.markers) {
       const auto sheet = frame.markers_[i].sample(prints_[i], sight, point_spread_px_);
       clearance = std::min(clearance, sheet.clearance_px);
@@ -227,28 +234,28 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
 inline SceneRenderer::Motion SceneRenderer::motion(const Frame& from, const Frame& to) const {
   Motion motion;
   if (texture_.moves()) {
-    motion.largest = scene_.background.velocity_px_per_s.norm() * std::abs(to.seconds - from.seconds);
+    motion.largest = norm(Vec2(scene_.background.velocity_px_per_s)) * std::abs(to.seconds - from.seconds);
     // From patch to patch a texture is as steep as an edge with a blur of a fifth of their distance.
     motion.background = motion.largest * std::min(1.0, point_spread_px_ / (0.2 * scene_.background.texture_size_px));
   }
   // What is far outside the view neither matters nor projects to anything sensible through a lens model.
-  const auto in_sight = [&](const Eigen::Vector2d& m) { return m.norm() < 1.3 * largest_tangent_; };
+  const auto in_sight = [&](Vec2 m) { return norm(m) < 1.3 * largest_tangent_; };
+  const auto pixel = [&](Vec2 m) -> Vec2 { return camera_.project({m.x, m.y, 1}); };
   for (std::size_t i = 0; i < from.markers_.size(); ++i) {
     double& largest = motion.markers.emplace_back(0);
     if (!from.markers_[i].visible() || !to.markers_[i].visible()) continue;
     const auto &before = from.markers_[i].probes(), &after = to.markers_[i].probes();
     for (std::size_t probe = 0; probe < before.size(); ++probe)
       if (in_sight(before[probe]) || in_sight(after[probe])) {
-        const Eigen::Vector2d moved =
-            camera_.project(after[probe].homogeneous()) - camera_.project(before[probe].homogeneous());
-        if (moved.allFinite()) largest = std::max(largest, moved.norm());
+        const Vec2 moved = pixel(after[probe]) - pixel(before[probe]);
+        if (is_finite(moved)) largest = std::max(largest, norm(moved));
       }
     motion.largest = std::max(motion.largest, largest);
   }
   for (std::size_t i = 0; i < from.occluders_.size(); ++i) {
     const auto &before = from.occluders_[i], &after = to.occluders_[i];
     const bool moves = before.visible && after.visible;
-    motion.occluders.push_back(moves ? (after.center - before.center).norm() : 0);
+    motion.occluders.push_back(moves ? norm(after.center - before.center) : 0);
     motion.largest = std::max(motion.largest, motion.occluders.back());
   }
   return motion;
@@ -276,12 +283,13 @@ inline void SceneRenderer::observe(std::size_t tile, const Frame& from, const Fr
       enter(activity.markers, i, motion.markers[i],
             1 + before.visible() + 2u * after.visible() + 4u * before.back() + 8u * after.back());
   }
-  const Eigen::Array2d center = sight.corner.array() + TileGrid::kSide / 2;
+  const Vec2 center = sight.corner + Vec2(TileGrid::kSide / 2, TileGrid::kSide / 2);
   for (std::size_t i = 0; i < from.occluders_.size(); ++i) {
     const auto &before = from.occluders_[i], &after = to.occluders_[i];
     const auto reaches = [&](const Frame::OccluderView& view) {
-      const Eigen::Array2d outside = (center - view.center.array()).abs() - scene_.occluders[i].half_size_px.array();
-      return view.visible && outside.maxCoeff() < TileGrid::kSide / 2 + motion.occluders[i] + margin;
+      const Vec2 away = center - view.center, half_size = scene_.occluders[i].half_size_px;
+      const double outside = std::max(std::abs(away.x) - half_size.x, std::abs(away.y) - half_size.y);
+      return view.visible && outside < TileGrid::kSide / 2 + motion.occluders[i] + margin;
     };
     if (reaches(before) || reaches(after))
       enter(activity.occluders, i, motion.occluders[i], 17 + before.visible + 2u * after.visible);

@@ -1,6 +1,5 @@
 #pragma once
 // The light of a textured background.
-#include <Eigen/Core>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -24,11 +23,11 @@ class Texture {
   bool moves() const noexcept { return background_.moves(); }
 
   /// Light from an image point at a time.
-  double intensity(const Eigen::Vector2d& pixel, double seconds) const {
+  double intensity(Vec2 pixel, double seconds) const {
     if (patches_.empty()) return background_.mean;
-    const Eigen::Vector2d at = (pixel - background_.velocity_px_per_s * seconds) / background_.texture_size_px;
-    const double x = std::floor(at.x()), y = std::floor(at.y());
-    const float sx = ease(static_cast<float>(at.x() - x)), sy = ease(static_cast<float>(at.y() - y));
+    const Vec2 at = (pixel - seconds * Vec2(background_.velocity_px_per_s)) / background_.texture_size_px;
+    const double x = std::floor(at.x), y = std::floor(at.y);
+    const float sx = ease(static_cast<float>(at.x - x)), sy = ease(static_cast<float>(at.y - y));
     const float above = mix(patch(x, y), patch(x + 1, y), sx), below = mix(patch(x, y + 1), patch(x + 1, y + 1), sx);
     return background_.mean * static_cast<double>(std::exp(mix(above, below, sy)));
   }

@@ -1,7 +1,5 @@
 #pragma once
 // Known motions of a marker in front of the camera.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -26,10 +24,27 @@ inline Eigen::Isometry3d facing_pose(const Eigen::Vector3d& position,
                                      const Eigen::Vector3d& rotation = Eigen::Vector3d::Zero()) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   // The camera's y is down and its z forward, the marker's y is up and its z towards the camera.
-  T.linear() = so3_exp(rotation) * Eigen::Vector3d(1, -1, -1).asDiagonal();
-  T.translation() = position;
+  const Eigen::Matrix3d R = so3_exp(rotation);
+  for (int i = 0; i < 3; ++i) {
+    T(i, 0) = R(i, 0);
+    T(i, 1) = -R(i, 1);
+    T(i, 2) = -R(i, 2);
+  }
+  set_translation(T, position);
   return T;
 }
+
+namespace detail {
+
+// A pose after a motion about the marker's own centre.
+inline Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vec6& motion) {
+  Eigen::Isometry3d result = T;
+  set_translation(result, translation(T) + motion.t);
+  result.linear() = product(so3_exp(motion.r), T.linear());
+  return result;
+}
+
+}  // namespace detail
 
 namespace trajectory {
 
@@ -38,7 +53,11 @@ namespace detail {
 inline constexpr Require require("trajectory");
 
 inline void require_finite(const Eigen::Isometry3d& T) {
-  require(T.matrix().allFinite(), "an element of the pose", std::nan(""));
+  require(is_finite(T), "an element of the pose", std::nan(""));
+}
+
+inline void require_finite(const Eigen::Vector3d& v, const char* name) {
+  require(is_finite(Vec3(v)), name, v.x() + v.y() + v.z());
 }
 
 }  // namespace detail
@@ -53,20 +72,18 @@ inline Trajectory still(const Eigen::Isometry3d& T_camera_marker) {
 inline Trajectory linear(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& velocity_m_per_s,
                          const Eigen::Vector3d& turn_rate_rad_per_s = Eigen::Vector3d::Zero()) {
   detail::require_finite(T_start);
-  detail::require(velocity_m_per_s.allFinite(), "velocity_m_per_s", velocity_m_per_s.sum());
-  detail::require(turn_rate_rad_per_s.allFinite(), "turn_rate_rad_per_s", turn_rate_rad_per_s.sum());
+  detail::require_finite(velocity_m_per_s, "velocity_m_per_s");
+  detail::require_finite(turn_rate_rad_per_s, "turn_rate_rad_per_s");
   return [=](double seconds) {
-    Eigen::Isometry3d T = T_start;
-    T.translation() += velocity_m_per_s * seconds;
-    T.linear() = so3_exp(turn_rate_rad_per_s * seconds) * T_start.linear();
-    return T;
+    return evmarker::detail::moved(T_start, {seconds * Vec3(velocity_m_per_s), seconds * Vec3(turn_rate_rad_per_s)});
   };
 }
 
 /// Turns the marker about its centre, round an axis in the camera frame.
 inline Trajectory spin(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& axis, double rad_per_s) {
-  detail::require(axis.allFinite() && axis.norm() > 0, "length of the axis", axis.norm());
-  return linear(T_start, Eigen::Vector3d::Zero(), axis.normalized() * rad_per_s);
+  const double length = norm(Vec3(axis));
+  detail::require(std::isfinite(length) && length > 0, "length of the axis", length);
+  return linear(T_start, Vec3(), rad_per_s * (Vec3(axis) / length));
 }
 
 /// The sway of a hand that holds the marker (or the camera).
@@ -81,8 +98,8 @@ struct Handheld {
 /// Hand-held sway: on each axis three sines whose frequencies have no common period.
 inline Trajectory handheld(const Handheld& sway = {}) {
   detail::require_finite(sway.T_center);
-  detail::require(sway.amplitude_m.allFinite(), "amplitude_m", sway.amplitude_m.sum());
-  detail::require(sway.amplitude_rad.allFinite(), "amplitude_rad", sway.amplitude_rad.sum());
+  detail::require_finite(sway.amplitude_m, "amplitude_m");
+  detail::require_finite(sway.amplitude_rad, "amplitude_rad");
   detail::require(std::isfinite(sway.frequency_hz) && sway.frequency_hz >= 0, "frequency_hz", sway.frequency_hz);
 
   struct Sine {
@@ -99,14 +116,13 @@ inline Trajectory handheld(const Handheld& sway = {}) {
                  random.uniform(0, 2 * std::numbers::pi)};
     }
   return [sway, axes](double seconds) {
-    Eigen::Matrix<double, 6, 1> wave = Eigen::Matrix<double, 6, 1>::Zero();
+    std::array<double, 6> wave{};
     for (std::size_t axis = 0; axis < axes.size(); ++axis)
-      for (const Sine& sine : axes[axis])
-        wave(static_cast<Eigen::Index>(axis)) += sine.weight * std::sin(sine.rad_per_s * seconds + sine.phase);
-    Eigen::Isometry3d T = sway.T_center;
-    T.translation() += sway.amplitude_m.cwiseProduct(wave.head<3>());
-    T.linear() = so3_exp(sway.amplitude_rad.cwiseProduct(wave.tail<3>())) * sway.T_center.linear();
-    return T;
+      for (const Sine& sine : axes[axis]) wave[axis] += sine.weight * std::sin(sine.rad_per_s * seconds + sine.phase);
+    const Vec3 m = sway.amplitude_m, rad = sway.amplitude_rad;
+    return evmarker::detail::moved(
+        sway.T_center,
+        {{m.x * wave[0], m.y * wave[1], m.z * wave[2]}, {rad.x * wave[3], rad.y * wave[4], rad.z * wave[5]}});
   };
 }
 

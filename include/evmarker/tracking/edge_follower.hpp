@@ -1,6 +1,5 @@
 #pragma once
 // The paper's tracking loop for one marker: match, collect, update every n matched events.
-#include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -9,7 +8,7 @@
 #include <vector>
 
 #include "evmarker/base/require.hpp"
-#include "evmarker/matching/lattice_matcher.hpp"
+#include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/update/pose_update.hpp"
 
@@ -71,7 +70,7 @@ class EdgeFollower {
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     for (const MarkerSegment& segment : matcher_.model().segments)
-      edge_length_m_ += (vertex(segment.to) - vertex(segment.from)).norm();
+      edge_length_m_ += norm(vertex(segment.to) - vertex(segment.from));
     set_events_per_update(events_per_update_);
     limit_moves();
   }
@@ -86,14 +85,14 @@ class EdgeFollower {
   // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
   // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
   // be done. A quarter of the time.
-  [[gnu::always_inline]] Result push(const Eigen::Vector2d& m, Timestamp t, double polarity = 0) noexcept {
-    if (!matcher_.on_lattice()) [[unlikely]]
+  [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
+    if (!matcher_.on_grid()) [[unlikely]]
       return search(m, t, polarity);
     return take(m, t, polarity, matcher_.choose(m));
   }
 
   /// Whether events are taken in groups at the present pose. Else one by one.
-  bool in_groups() const noexcept { return matcher_.on_lattice() && !polarity_check_; }
+  bool in_groups() const noexcept { return matcher_.on_grid() && !polarity_check_; }
 
   /// Takes events from number `first` on, faster than one by one, while `in_groups()`.
   /// @param after is called with the number of each and its Result, and says whether to go on
@@ -102,16 +101,16 @@ class EdgeFollower {
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
     const std::size_t end = std::min(events.count(), first + matched_at_once());
-    LatticeMatcher::Choices choices;
+    GridMatcher::Choices choices;
     matcher_.choose(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
-      const Eigen::Vector2d m(events.x[i], events.y[i]);
-      LatticeMatcher::Choice choice;
+      const Vec2 m{events.x[i], events.y[i]};
+      GridMatcher::Choice choice;
       const int stretch = choices.stretch[i - first];
       if (stretch >= 0) [[likely]]
         choice.edge = &matcher_.stretch(stretch);
-      else if (stretch != LatticeMatcher::Choices::kUnsure)
-        choice.result = stretch == LatticeMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
+      else if (stretch != GridMatcher::Choices::kUnsure)
+        choice.result = stretch == GridMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
       else
         choice = matcher_.choose_carefully(m);
       const Result result = take(m, events.t[i], events.polarity[i], choice);
@@ -168,7 +167,7 @@ class EdgeFollower {
 
   /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most
   /// one: any farther it is noise or another edge's. With a rule that lags behind the motion it may yet be its own.
-  double misfit_px2(const Eigen::Vector2d& m, double polarity) const noexcept {
+  double misfit_px2(Vec2 m, double polarity) const noexcept {
     const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px(), most_px2 = most_px * most_px;
     Correspondence c;
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
@@ -179,7 +178,7 @@ class EdgeFollower {
 
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return T_camera_marker_; }
   const Rule& rule() const noexcept { return rule_; }
-  const LatticeMatcher& matcher() const noexcept { return matcher_; }
+  const GridMatcher& matcher() const noexcept { return matcher_; }
   const UpdateStatistics& last_update() const noexcept { return last_update_; }
   /// False once the marker is not wholly in front of the camera: nothing will match any more.
   bool in_front() const noexcept { return in_front_; }
@@ -218,12 +217,13 @@ class EdgeFollower {
   void sample_background(double length_px) noexcept {
     constexpr int kPoints = 512;
     constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
-    const Eigen::AlignedBox2d box = matcher_.reach();
+    const Box box = matcher_.reach();
     int matching = 0, near = 0;
     Correspondence correspondence;
     for (int i = 1; i <= kPoints; ++i) {
-      const Eigen::Array2d place(i * kStep_x - std::floor(i * kStep_x), i * kStep_y - std::floor(i * kStep_y));
-      const MatchResult match = matcher_.match(box.min() + (place * box.sizes().array()).matrix(), correspondence);
+      const double x = i * kStep_x - std::floor(i * kStep_x), y = i * kStep_y - std::floor(i * kStep_y);
+      const MatchResult match =
+          matcher_.match({box.low.x + x * box.width(), box.low.y + y * box.height()}, correspondence);
       matching += match == MatchResult::matched;
       near += match != MatchResult::far;
     }
@@ -233,7 +233,7 @@ class EdgeFollower {
 
   // Of all edges, as if seen from the front.
   double length_px() const noexcept {
-    return matcher_.focal_length() * edge_length_m_ / T_camera_marker_.translation().z();
+    return matcher_.focal_length() * edge_length_m_ / translation(T_camera_marker_).z;
   }
 
   void set_events_per_update(int events) noexcept {
@@ -242,7 +242,7 @@ class EdgeFollower {
     added_together_ = GroupUpdateRule<Rule> && events >= kFewestTogether && !polarity_check_;
   }
 
-  const Eigen::Vector3d& vertex(int number) const noexcept {
+  Vec3 vertex(int number) const noexcept {
     return matcher_.model().vertices[static_cast<std::size_t>(number)];
   }
 
@@ -250,7 +250,7 @@ class EdgeFollower {
   // matched again.
   std::size_t matched_at_once() const noexcept {
     const auto left = static_cast<std::size_t>((moves_at_most_ - moves_) * events_per_update_ - matched_);
-    return std::min(LatticeMatcher::Choices::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
+    return std::min(GridMatcher::Choices::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
   }
 
   // Whether the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
@@ -258,8 +258,8 @@ class EdgeFollower {
   // events that would correct it: an edge most of whose last events contradict is not sure of its motion.
   bool contradicts(const Correspondence& c, bool on) noexcept {
     if (!c.dark_side_known) return false;
-    const Eigen::Vector3d lever = c.E - T_camera_marker_.translation();
-    const double speed_px_s = c.gradient.dot(twist_->head<3>() + twist_->tail<3>().cross(lever));
+    const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);
+    const double speed_px_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
     if (!(std::abs(speed_px_s) > polarity_check_px_s_)) return false;
     const bool brighter = (speed_px_s > 0) != reversed_;
     float& share = contradicted_[static_cast<std::size_t>(c.segment)];
@@ -272,9 +272,9 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  // What becomes of an event that has been matched on the lattice.
-  [[gnu::always_inline]] Result take(const Eigen::Vector2d& m, Timestamp t, double polarity,
-                                     const LatticeMatcher::Choice& choice) noexcept {
+  // What becomes of an event that has been matched on the grid.
+  [[gnu::always_inline]] Result take(Vec2 m, Timestamp t, double polarity,
+                                     const GridMatcher::Choice& choice) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
     if (choice.result != MatchResult::matched) {
       ++offered_;
@@ -282,7 +282,7 @@ class EdgeFollower {
     }
     if (added_together_) {
       ++offered_;
-      waiting_.set(waiting_.count++, m.x(), m.y(), t, polarity, *choice.edge);
+      waiting_.set(waiting_.count++, m.x, m.y, t, polarity, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
       if (waiting_.count == kLanes || enough) add_waiting();
       return {choice.result, enough && update(t), choice.edge->segment};
@@ -306,8 +306,8 @@ class EdgeFollower {
     return {match, enough && update(t), correspondence.segment};
   }
 
-  // Off the lattice.
-  [[gnu::noinline]] Result search(const Eigen::Vector2d& m, Timestamp t, double polarity) noexcept {
+  // Off the grid.
+  [[gnu::noinline]] Result search(Vec2 m, Timestamp t, double polarity) noexcept {
     Correspondence correspondence;
     return take(matcher_.match(m, correspondence), correspondence, t, polarity);
   }
@@ -352,13 +352,13 @@ class EdgeFollower {
   int events_per_update_;
   bool automatic_;
   double events_per_px2_ = 0;  // 0: not known
-  LatticeMatcher matcher_;
+  GridMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;
   bool in_front_ = true;
   int matched_ = 0, offered_ = 0, skipped_updates_ = 0;
   double squared_px_ = 0;
-  LatticeMatches waiting_;
+  GridMatches waiting_;
   UpdateStatistics last_update_;
   BackgroundShare background_;
   bool may_rest_ = false;
@@ -369,7 +369,7 @@ class EdgeFollower {
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;
-  std::optional<Vector6d> twist_;    // of the last update, for the polarity check
+  std::optional<Vec6> twist_;    // of the last update, for the polarity check
   std::vector<float> contradicted_;  // by segment: running share of the events that contradict its motion
 };
 

@@ -31,10 +31,8 @@ class FoundMarker {
   }
 
   /// Takes one event, whose time has been judged already: see MarkerTracker::push_in_time.
-  [[gnu::flatten]] const PoseEstimate* push(const Event& event) noexcept {
-    if (rival_) [[unlikely]]
-      return push_to_both(event);
-    return tracker_.push_in_time(event);
+  const PoseEstimate* push(const Event& event) noexcept {
+    return rival_ ? push_to_both(event) : tracker_.push_one_in_time(event);
   }
 
   /// Takes many.
@@ -57,8 +55,8 @@ class FoundMarker {
   const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
   MarkerId id() const noexcept { return tracker_.id(); }
   /// See MarkerTracker::reach.
-  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
-    return rival_ ? LatticeMatcher::everywhere() : tracker_.reach(around);
+  Box reach(double around = 0) const noexcept {
+    return rival_ ? Box::everywhere() : tracker_.reach(around);
   }
   /// See MarkerTracker::stays.
   bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
@@ -93,8 +91,10 @@ class FoundMarker {
 
   // Both have come to nearly the same pose.
   bool alike() const noexcept {
-    const Eigen::Matrix3d &R = tracker_.T_camera_marker().linear(), &other = rival_->T_camera_marker().linear();
-    return R.cwiseProduct(other).sum() > 1 + 2 * std::cos(kAlike_rad);  // trace of the rotation between them
+    const Eigen::Isometry3d &T = tracker_.T_camera_marker(), &other = rival_->T_camera_marker();
+    double trace = 0;  // of the rotation between them
+    for (int i = 0; i < 3; ++i) trace += dot(axis(T, i), axis(other, i));
+    return trace > 1 + 2 * std::cos(kAlike_rad);
   }
 
   // True if the other pose was the right one.

@@ -1,6 +1,5 @@
 #pragma once
 // One marker, from a known pose on: follow it, verify it, say when it is lost.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
 #include <concepts>
@@ -47,7 +46,7 @@ class MarkerTracker {
     validate(settings);
     pose_.id = id;
     if (settings.start_search) {
-      const Eigen::AlignedBox2d image(lines_.focal_length() * lines_.low(), lines_.focal_length() * lines_.high());
+      const Box image{lines_.focal_length() * lines_.image().low, lines_.focal_length() * lines_.image().high};
       start_search_.emplace(this->model(), lines_.focal_length(), image, T_camera_marker, *settings.start_search);
       starting_ = true;
     }
@@ -94,7 +93,7 @@ class MarkerTracker {
   [[gnu::always_inline]] const PoseEstimate* push_in_time(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
     if (state_ == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
-    const Eigen::Vector2d m = lines_(event);
+    const Vec2 m = lines_(event);
     if (starting_) [[unlikely]]
       return start(Event(event), m);                                  // a copy: `event` itself stays in registers
     return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
@@ -186,8 +185,8 @@ class MarkerTracker {
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
   /// @param around the least width of what it contains around a code marker [cells]
-  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
-    return starting_ ? LatticeMatcher::everywhere() : follower_.matcher().reach(around);
+  Box reach(double around = 0) const noexcept {
+    return starting_ ? Box::everywhere() : follower_.matcher().reach(around);
   }
 
   /// True while it tracks and no evidence speaks against that.
@@ -305,7 +304,7 @@ class MarkerTracker {
   }
 
   // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
-  [[gnu::noinline]] const PoseEstimate* start(const Event& event, const Eigen::Vector2d& m) noexcept {
+  [[gnu::noinline]] const PoseEstimate* start(const Event& event, Vec2 m) noexcept {
     constexpr int kReplayed = 8;
     if (searching()) {
       if (!start_search_->push(event, lines_.focal_length() * m)) return nullptr;
@@ -341,9 +340,9 @@ class MarkerTracker {
 
   // With less than half of the marker left in the image, no more events will come to tell where it went.
   bool out_of_image() const noexcept {
-    const Eigen::Vector3d centre = follower_.T_camera_marker() * centre_;
-    const Eigen::Vector2d low = centre.z() * lines_.low(), high = centre.z() * lines_.high();
-    return centre.x() < low.x() || centre.y() < low.y() || centre.x() > high.x() || centre.y() > high.y();
+    const Vec3 centre = transform(follower_.T_camera_marker(), centre_);
+    const Vec2 low = centre.z * lines_.image().low, high = centre.z * lines_.image().high;
+    return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
   }
 
   // Whether every point of the model is known in the image to within the matching distance: root of the sum of both
@@ -351,7 +350,7 @@ class MarkerTracker {
   bool knows_edges(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
-             return image_covariance(pose, vertex, lines_.focal_length()).trace() < limit2;
+             return image_variance(pose, vertex, lines_.focal_length()) < limit2;
            });
   }
 
@@ -365,7 +364,7 @@ class MarkerTracker {
   Verification<Rule> verification_;
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
-  Eigen::Vector3d centre_;                       // of the model's bounding box, marker frame [m]
+  Vec3 centre_;                                  // of the model's bounding box, marker frame [m]
   PoseEstimate pose_;                            // the last one that was told, but what verification found is as of now
   TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since then

@@ -1,12 +1,11 @@
 #pragma once
 // Which of many markers an event may belong to, without asking each.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 
@@ -28,8 +27,8 @@ class TileMap {
       for (int x = 0; x < size.width; ++x) {
         event.x = static_cast<std::uint16_t>(x);
         event.y = static_cast<std::uint16_t>(y);
-        const Eigen::Vector2d m = lines(event);
-        if (!m.allFinite()) continue;  // belongs to nothing
+        const Vec2 m = lines(event);
+        if (!is_finite(m)) continue;  // belongs to nothing
         tiles_[tile(event)].extend(m);
         rows_[event.y / kTile_px].extend(m);
       }
@@ -37,16 +36,15 @@ class TileMap {
 
   /// Forgets all markers; from now on there are so many, nowhere yet.
   void resize(std::size_t markers) {
-    areas_.assign(markers, Eigen::AlignedBox2d());
+    areas_.assign(markers, Box());
     markers_.assign(markers_.size(), 0);
   }
 
   /// Where a marker may have events from now on, as (X/Z, Y/Z) of their lines of sight.
-  void move(std::size_t marker, const Eigen::AlignedBox2d& reach) noexcept {
+  void move(std::size_t marker, const Box& reach) noexcept {
     if (areas_[marker].contains(reach)) return;
     // With a margin, so that it need not be entered anew at every step.
-    const Eigen::Vector2d margin = Eigen::Vector2d::Constant(margin_);
-    const Eigen::AlignedBox2d before = areas_[marker], now(reach.min() - margin, reach.max() + margin);
+    const Box before = areas_[marker], now = reach.widened(margin_);
     areas_[marker] = now;
     const std::uint64_t bit = bit_of(marker);
     for (std::size_t row = 0; row < rows_.size(); ++row) {
@@ -61,7 +59,7 @@ class TileMap {
     const std::uint64_t bits = markers_[tile(event)];
     if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
       return false;
-    const Eigen::Vector2d m = lines(event);
+    const Vec2 m = lines(event);
     int markers = 0;
     for_each_at(event, [&](std::size_t i) { markers += areas_[i].contains(m); });
     return markers > 1;
@@ -82,7 +80,7 @@ class TileMap {
   std::size_t tile(const Event& event) const noexcept { return event.y / kTile_px * columns_ + event.x / kTile_px; }
   // The 65th marker shares the bit of the first: either is asked where the other may have events.
   static std::uint64_t bit_of(std::size_t marker) noexcept { return std::uint64_t{1} << (marker % kBits); }
-  bool somebody_reaches(const Eigen::AlignedBox2d& tile, std::size_t first) const noexcept {
+  bool somebody_reaches(const Box& tile, std::size_t first) const noexcept {
     for (std::size_t i = first; i < areas_.size(); i += kBits)
       if (tile.intersects(areas_[i])) return true;
     return false;
@@ -90,10 +88,10 @@ class TileMap {
 
   std::size_t columns_;
   double margin_;                           // [tangent]
-  std::vector<Eigen::AlignedBox2d> tiles_;  // lines of sight of their pixels
-  std::vector<Eigen::AlignedBox2d> rows_;   // the same of whole rows of tiles
+  std::vector<Box> tiles_;  // lines of sight of their pixels
+  std::vector<Box> rows_;   // the same of whole rows of tiles
   std::vector<std::uint64_t> markers_;      // of every tile, a bit each
-  std::vector<Eigen::AlignedBox2d> areas_;  // of every marker
+  std::vector<Box> areas_;  // of every marker
 };
 
 }  // namespace evmarker

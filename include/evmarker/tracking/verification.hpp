@@ -1,6 +1,5 @@
 #pragma once
 // Forward/backward verification: does the tracker come back to where it was? Eqs. (13) and (14).
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -54,11 +53,13 @@ struct BacktrackError {
 /// times; the angle differences are wrapped, which it does not say.
 inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Eigen::Isometry3d& backward,
                                       double focal_length) noexcept {
-  const auto centre = [&](const Eigen::Isometry3d& T) -> Eigen::Vector2d {
-    return focal_length / T.translation().z() * T.translation().head<2>();
+  const auto centre = [&](const Eigen::Isometry3d& T) {
+    return focal_length / translation(T).z * Vec2(translation(T).x, translation(T).y);
   };
-  const Eigen::Vector3d difference = roll_pitch_yaw(forward.linear()) - roll_pitch_yaw(backward.linear());
-  return {(centre(forward) - centre(backward)).lpNorm<1>(), difference.unaryExpr(&wrap_angle).lpNorm<1>(),
+  const Vec2 moved = centre(forward) - centre(backward);
+  const Vec3 turned = Vec3(roll_pitch_yaw(forward.linear())) - Vec3(roll_pitch_yaw(backward.linear()));
+  return {std::abs(moved.x) + std::abs(moved.y),
+          std::abs(wrap_angle(turned.x)) + std::abs(wrap_angle(turned.y)) + std::abs(wrap_angle(turned.z)),
           geodesic_angle(forward.linear(), backward.linear())};
 }
 
@@ -76,8 +77,11 @@ class Verification {
         T_start_(forward.T_camera_marker()) {
     validate(settings);
     const MarkerModel& model = forward.matcher().model();
-    for (const Eigen::Vector3d& vertex : model.vertices)
-      size_m_ = std::max(size_m_, 2 * (vertex - centre(model)).lpNorm<Eigen::Infinity>());
+    const Vec3 middle = centre(model);
+    for (const Eigen::Vector3d& vertex : model.vertices) {
+      const Vec3 v = Vec3(vertex) - middle;
+      size_m_ = std::max({size_m_, 2 * std::abs(v.x), 2 * std::abs(v.y), 2 * std::abs(v.z)});
+    }
   }
 
   /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
@@ -115,7 +119,7 @@ class Verification {
   /// epsilon_R of a marker at the present distance.
   double max_rotation_rad() const noexcept {
     if (settings_.max_rotation_rad != kAutomatic) return settings_.max_rotation_rad;
-    const double size_px = backward_.matcher().focal_length() * size_m_ / backward_.T_camera_marker().translation().z();
+    const double size_px = backward_.matcher().focal_length() * size_m_ / translation(backward_.T_camera_marker()).z;
     return std::max(kPapersRotation_rad, 3 * settings_.max_translation_px / size_px);
   }
 
@@ -214,10 +218,10 @@ class Verification {
   // after a rest.
   static void expect(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
-      const Vector6d sigma = follower.rule().covariance().diagonal().cwiseSqrt();
-      const double depth = follower.T_camera_marker().translation().z();
-      error.expected_px = sigma.head<2>().sum() * follower.matcher().focal_length() / depth;
-      error.expected_rad = sigma.tail<3>().sum();
+      const Matrix6d P = follower.rule().covariance();
+      const double depth = translation(follower.T_camera_marker()).z;
+      error.expected_px = (std::sqrt(P(0, 0)) + std::sqrt(P(1, 1))) * follower.matcher().focal_length() / depth;
+      error.expected_rad = std::sqrt(P(3, 3)) + std::sqrt(P(4, 4)) + std::sqrt(P(5, 5));
     }
   }
 

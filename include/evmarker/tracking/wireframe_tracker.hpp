@@ -1,6 +1,5 @@
 #pragma once
 // A body that no detector finds: followed from a rough pose on, and searched again after each loss.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -164,7 +163,7 @@ class WireframeTracker {
     if (!place) return;
     double moved_px = 0;
     for (const Eigen::Vector3d& vertex : model().vertices)
-      moved_px = std::max(moved_px, (image(place->T, vertex) - image(searched_at_, vertex)).norm());
+      moved_px = std::max(moved_px, norm(image(place->T, vertex) - image(searched_at_, vertex)));
     const double share = place->reach.reach_share;
     if (moved_px > share * size_px(place->T) / 2 || share > kWider * searched_share_) search(*place);
   }
@@ -175,11 +174,11 @@ class WireframeTracker {
     const PoseEstimate pose = lost_->pose_at(std::max(t, lost_->estimate().t));
     Place place{pose.T_camera_marker, settings_.start_search.value_or(StartPoseSearchSettings{})};
     for (const Eigen::Vector3d& vertex : model().vertices)
-      if (!((place.T * vertex).z() > kNearest_m)) return std::nullopt;
+      if (!(transform(place.T, vertex).z > kNearest_m)) return std::nullopt;
     if (!pose.covariance) return place;
     double variance_px2 = 0;
     for (const Eigen::Vector3d& vertex : model().vertices)
-      variance_px2 = std::max(variance_px2, image_covariance(pose, vertex, lines_.focal_length()).trace());
+      variance_px2 = std::max(variance_px2, image_variance(pose, vertex, lines_.focal_length()));
     const Matrix6d& P = *pose.covariance;
     const auto widen = [](double& reach, double deviation, double farthest) {
       if (!(kSure * deviation <= farthest)) return false;
@@ -188,8 +187,8 @@ class WireframeTracker {
     };
     const bool sure =
         widen(place.reach.reach_share, std::sqrt(variance_px2) / size_px(place.T), kFarthest_share) &&
-        widen(place.reach.depth_share, std::sqrt(P(2, 2)) / place.T.translation().z(), kFarthest_depth_share) &&
-        widen(place.reach.rotation_rad, std::sqrt(P.diagonal().tail<3>().maxCoeff()), kFarthest_rad);
+        widen(place.reach.depth_share, std::sqrt(P(2, 2)) / translation(place.T).z, kFarthest_depth_share) &&
+        widen(place.reach.rotation_rad, std::sqrt(std::max({P(3, 3), P(4, 4), P(5, 5)})), kFarthest_rad);
     return sure ? std::optional(place) : std::nullopt;
   }
 
@@ -205,18 +204,15 @@ class WireframeTracker {
     heard_ = false;
   }
 
-  Eigen::Vector2d image(const Eigen::Isometry3d& T, const Eigen::Vector3d& vertex) const noexcept {
-    return lines_.focal_length() * (T * vertex).hnormalized();
+  Vec2 image(const Eigen::Isometry3d& T, const Eigen::Vector3d& vertex) const noexcept {
+    return lines_.focal_length() * on_plane(transform(T, vertex));
   }
 
   // Of the box around the body in the image.
   double size_px(const Eigen::Isometry3d& T) const noexcept {
-    Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-    for (const Eigen::Vector3d& vertex : model().vertices) {
-      low = low.cwiseMin(image(T, vertex));
-      high = high.cwiseMax(image(T, vertex));
-    }
-    return (high - low).maxCoeff();
+    Box box;
+    for (const Eigen::Vector3d& vertex : model().vertices) box.extend(image(T, vertex));
+    return box.size();
   }
 
   MarkerTrackerSettings<Rule> settings_;

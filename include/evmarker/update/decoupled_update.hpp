@@ -1,7 +1,5 @@
 #pragma once
 // The paper's rule: translation and rotation updates, Eqs. (6) to (12).
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -69,78 +67,30 @@ class DecoupledUpdate {
     if (!settings_.correct_trail) return;
     constexpr double kFocusedEdge_px = 2.1;  // at a point spread of 0.6 px
     constexpr double kMost_px = 0.5;         // a pose that jitters seems to sweep more, and events seem fewer
-    trail_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / focal_length;
-    trail_by_px_ = trail_ / focal_length;
+    trail_by_px_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / (focal_length * focal_length);
   }
 
   /// @param share of the events that tells of the marker; 0 at rest
   void expect_signal(double share) noexcept { signal_ = settings_.rest ? share : 1; }
 
-  // By scalars, of which the compiler makes pairs, and inline: see EdgeFollower::push.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const double w0 = weight_;
-    const auto average = [w0](double& mean, double value) { mean += w0 * (value - mean); };
-    const Eigen::Vector3d &M = c.M, &E = c.E, &F = c.F;
-    const double by_MM = 1 / (M.x() * M.x() + M.y() * M.y() + M.z() * M.z());
-    const double x = by_MM * M.x(), y = by_MM * M.y(), z = by_MM * M.z();
-    average(L_[0], x * M.x());  // Eqs. (6), (8): A = I - mean L
-    average(L_[1], x * M.y());
-    average(L_[2], y * M.y());
-    average(L_[3], x * M.z());
-    average(L_[4], y * M.z());
-    average(L_[5], z * M.z());
-    // (L - I) E, and on by the trail: along the edge's image normal, across the line of sight.
-    const double trail = c.dark_side_known ? trail_ * c.polarity * F.z() : 0;
-    const double sideways = x * c.normal.x() + y * c.normal.y();
-    const double pull_x = F.x() - E.x() + trail * (c.normal.x() - sideways * M.x()),
-                 pull_y = F.y() - E.y() + trail * (c.normal.y() - sideways * M.y()),
-                 pull_z = F.z() - E.z() - trail * sideways * M.z();
-    average(B_.x(), pull_x);  // Eq. (9) with E for F, see below
-    average(B_.y(), pull_y);
-    average(B_.z(), pull_z);
-    const auto& T = T_camera_marker.translation();
-    const double lever_x = E.x() - T.x(), lever_y = E.y() - T.y(), lever_z = E.z() - T.z();
-    average(lever2_, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
-    average(Gamma_.x(), lever_y * pull_z - lever_z * pull_y);  // Eq. (11) with E for F
-    average(Gamma_.y(), lever_z * pull_x - lever_x * pull_z);
-    average(Gamma_.z(), lever_x * pull_y - lever_y * pull_x);
-    // The paper writes F where (L - I) F is always zero: nothing would ever move. The averages are not corrected for
-    // the steps made since; measured, that memory of the last steps is what lets the pose keep up with a fast motion.
+    const Terms of_event = terms({c.M.x(), c.M.y()}, c.E, c.F, c.gradient, c.dark_side_known ? c.polarity : 0,
+                                 translation(T_camera_marker));
+    for (std::size_t k = 0; k < kTerms; ++k) means_[k] += weight_ * (of_event[k] - means_[k]);
   }
 
-  /// The same for up to eight events: those before them fade, and they by those after them.
+  /// Batch version: those before them fade, and they by those after them.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const std::size_t n = c.count;
-    const double kept = summing_ ? kept_[n] : 0, T_x = T_camera_marker.translation().x(),
-                 T_y = T_camera_marker.translation().y(), T_z = T_camera_marker.translation().z();
+    const double kept = summing_ ? kept_[n] : 0;
+    const Vec3 T = translation(T_camera_marker);
     alignas(64) Lanes weights;
     for (std::size_t i = 0; i < kLanes; ++i) weights[i] = weights_[kLanes - n + i];
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const double x = c.M_x[i], y = c.M_y[i], by_MM = 1 / (x * x + y * y + 1);
-      // The normal by its gradient, which is so many pixels per metre.
-      const double trail = trail_by_px_ * c.polarity[i] * c.F_z[i] * c.E_z[i];
-      const double sideways = by_MM * (x * c.g_x[i] + y * c.g_y[i]);
-      const double pull_x = c.F_x[i] - c.E_x[i] + trail * (c.g_x[i] - sideways * x),
-                   pull_y = c.F_y[i] - c.E_y[i] + trail * (c.g_y[i] - sideways * y),
-                   pull_z = c.F_z[i] - c.E_z[i] - trail * sideways;
-      const double lever_x = c.E_x[i] - T_x, lever_y = c.E_y[i] - T_y, lever_z = c.E_z[i] - T_z;
-      const double weight = weights[i];
-      const auto average = [&](std::size_t k, double value) __attribute__((always_inline)) {
-        sums_[k][i] = kept * sums_[k][i] + weight * value;
-      };
-      average(0, by_MM * x * x);
-      average(1, by_MM * x * y);
-      average(2, by_MM * y * y);
-      average(3, by_MM * x);
-      average(4, by_MM * y);
-      average(5, by_MM);
-      average(6, pull_x);
-      average(7, pull_y);
-      average(8, pull_z);
-      average(9, lever_x * lever_x + lever_y * lever_y + lever_z * lever_z);
-      average(10, lever_y * pull_z - lever_z * pull_y);
-      average(11, lever_z * pull_x - lever_x * pull_z);
-      average(12, lever_x * pull_y - lever_y * pull_x);
+      const Terms of_event = terms({c.M_x[i], c.M_y[i]}, {c.E_x[i], c.E_y[i], c.E_z[i]}, {c.F_x[i], c.F_y[i], c.F_z[i]},
+                                   {c.g_x[i], c.g_y[i], c.g_z[i]}, c.polarity[i], T);
+#pragma GCC unroll 13
+      for (std::size_t k = 0; k < kTerms; ++k) sums_[k][i] = kept * sums_[k][i] + weights[i] * of_event[k];
     }
     faded_ *= kept_[n];
     summing_ = true;
@@ -149,40 +99,71 @@ class DecoupledUpdate {
   bool update(Eigen::Isometry3d& T_camera_marker, Timestamp) noexcept {
     if (summing_) add_sums();
     // A x = B by Cramer's rule, the six elements of A = I - mean L by hand: as matrices they would go through memory.
-    const double xx = 1 - L_[0], xy = -L_[1], yy = 1 - L_[2], xz = -L_[3], yz = -L_[4], zz = 1 - L_[5];
+    const double xx = 1 - means_[kL], xy = -means_[kL + 1], yy = 1 - means_[kL + 2], xz = -means_[kL + 3],
+                 yz = -means_[kL + 4], zz = 1 - means_[kL + 5];
+    const Vec3 B{means_[kB], means_[kB + 1], means_[kB + 2]},
+        Gamma{means_[kGamma], means_[kGamma + 1], means_[kGamma + 2]};
     const double c_xx = yy * zz - yz * yz, c_xy = xz * yz - xy * zz, c_xz = xy * yz - yy * xz;
     const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
-    const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : lever2_;
+    const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : means_[kLever2];
     // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
     const double share = signal_ * renewed_, step = share * settings_.translation_gain / determinant;
-    const Eigen::Vector3d dT(step * (c_xx * B_.x() + c_xy * B_.y() + c_xz * B_.z()),  // Eqs. (7), (10)
-                             step * (c_xy * B_.x() + c_yy * B_.y() + c_yz * B_.z()),
-                             step * (c_xz * B_.x() + c_yz * B_.y() + c_zz * B_.z()));
-    const Eigen::Vector3d r = share * settings_.rotation_gain / unit2 * Gamma_;  // r = lambda_r Gamma
-    const Eigen::Vector3d T = T_camera_marker.translation() + dT;
-    if (!(std::abs(determinant) > 1e-9 && std::isfinite(T.sum() + r.squaredNorm()))) return false;
-    T_camera_marker.translation() = T;
-    T_camera_marker.linear() = rotated(T_camera_marker.linear(), r);  // Eq. (12)
+    const Vec3 dT(step * (c_xx * B.x + c_xy * B.y + c_xz * B.z),  // Eqs. (7), (10)
+                  step * (c_xy * B.x + c_yy * B.y + c_yz * B.z), step * (c_xz * B.x + c_yz * B.y + c_zz * B.z));
+    const Vec3 r = share * settings_.rotation_gain / unit2 * Gamma;  // r = lambda_r Gamma
+    const Vec3 T = translation(T_camera_marker) + dT;
+    if (!(std::abs(determinant) > 1e-9 && is_finite(T) && std::isfinite(squared_norm(r)))) return false;
+    set_translation(T_camera_marker, T);
+    orthonormalize(T_camera_marker);  // before the turn: whoever waits for that does not wait for this
+    turn(T_camera_marker, r);         // Eq. (12)
     return true;
   }
 
   void reverse() noexcept {  // L and the lever arm are geometry, the same in both directions of time
     forget_sums();
-    B_.setZero();
-    Gamma_.setZero();
+    std::fill_n(means_.begin() + kB, 3, 0.0);
+    std::fill_n(means_.begin() + kGamma, 3, 0.0);
   }
 
  private:
+  // What one event adds to the running averages: L = M M^T / M^T M, symmetric (xx, xy, yy, xz, yz, zz); B; |E - T|^2;
+  // Gamma.
+  static constexpr std::size_t kL = 0, kB = 6, kLever2 = 9, kGamma = 10, kTerms = 13;
+  using Terms = std::array<double, kTerms>;
+
+  /// Eqs. (6), (8), (9), (11) for one event. The paper writes F where (L - I) F is always zero: nothing would ever
+  /// move; here it is E. The averages are not corrected for the steps made since; measured, that memory of the last
+  /// steps is what lets the pose keep up with a fast motion.
+  /// @param m line of sight M = (m; 1)
+  /// @param gradient of E along its edge's image normal [px/m]
+  /// @param polarity of the event, 0 if not known on which side the edge is dark
+  [[gnu::always_inline]] Terms terms(Vec2 m, Vec3 E, Vec3 F, Vec3 gradient, double polarity, Vec3 T) const noexcept {
+    const double by_MM = 1 / (m.x * m.x + m.y * m.y + 1);
+    // (L - I) E = F - E, and on by the trail: along the edge's normal, across the line of sight.
+    const double trail = trail_by_px_ * polarity * F.z * E.z;
+    const double sideways = by_MM * (m.x * gradient.x + m.y * gradient.y);
+    const Vec3 pull{F.x - E.x + trail * (gradient.x - sideways * m.x),
+                    F.y - E.y + trail * (gradient.y - sideways * m.y), F.z - E.z - trail * sideways};
+    const Vec3 lever = E - T, torque = cross(lever, pull);
+    return {by_MM * m.x * m.x,
+            by_MM * m.x * m.y,
+            by_MM * m.y * m.y,
+            by_MM * m.x,
+            by_MM * m.y,
+            by_MM,
+            pull.x,
+            pull.y,
+            pull.z,
+            squared_norm(lever),
+            torque.x,
+            torque.y,
+            torque.z};
+  }
+
   [[gnu::noinline]] void add_sums() noexcept {
     in_wide_vectors([&]() __attribute__((always_inline)) {
-      for (std::size_t k = 0; k < 6; ++k) L_[k] = faded_ * L_[k] + sum(sums_[k]);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const auto axis = static_cast<Eigen::Index>(k);
-        B_(axis) = faded_ * B_(axis) + sum(sums_[6 + k]);
-        Gamma_(axis) = faded_ * Gamma_(axis) + sum(sums_[10 + k]);
-      }
-      lever2_ = faded_ * lever2_ + sum(sums_[9]);
+      for (std::size_t k = 0; k < kTerms; ++k) means_[k] = faded_ * means_[k] + sum(sums_[k]);
     });
     forget_sums();
   }
@@ -193,21 +174,18 @@ class DecoupledUpdate {
   }
 
   Settings settings_;
-  double trail_ = 0, trail_by_px_ = 0;  // over the focal length [px], and over its square
-  double weight_ = 0;                   // w0
-  double signal_ = 1;                   // see expect_signal
-  double renewed_ = 1;                  // share of the averages that the events of one update make up
+  double trail_by_px_ = 0;  // over the square of the focal length [px]
+  double weight_ = 0;       // w0
+  double signal_ = 1;       // see expect_signal
+  double renewed_ = 1;      // share of the averages that the events of one update make up
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.
-  std::array<double, 6> L_{};  // mean of L, symmetric: xx, xy, yy, xz, yz, zz
-  Eigen::Vector3d B_ = Eigen::Vector3d::Zero();
-  double lever2_ = 0;  // running mean of |E - T|^2 [m^2]; makes a pair with B_.z(), so that none is across two vectors
-  Eigen::Vector3d Gamma_ = Eigen::Vector3d::Zero();
-  alignas(64) std::array<Lanes, 13> sums_{};  // what the averages gain by the events since the last update
-  bool summing_ = false;                      // else there are none, and the numbers mean nothing
-  double faded_ = 1;                          // what they keep of what they were before
-  std::array<double, kLanes + 1> kept_{};     // by so many events
-  std::array<double, 2 * kLanes> weights_{};  // of eight events one after the other, and of none
+  alignas(16) Terms means_{};
+  alignas(64) std::array<Lanes, kTerms> sums_{};  // what the averages gain by the events since the last update
+  bool summing_ = false;                          // else there are none, and the numbers mean nothing
+  double faded_ = 1;                              // what they keep of what they were before
+  std::array<double, kLanes + 1> kept_{};         // by so many events
+  std::array<double, 2 * kLanes> weights_{};      // of eight events one after the other, and of none
 };
 
 static_assert(GroupUpdateRule<DecoupledUpdate>);

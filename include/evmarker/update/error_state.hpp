@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "evmarker/simd/pack.hpp"
+#include "evmarker/update/motion_model.hpp"
 
 namespace evmarker {
 
@@ -26,15 +27,12 @@ struct ErrorCovariance {
   alignas(32) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
   std::array<std::array<double, kBiases>, kBiases> bb{};
 
-  /// Lets time pass in which the pose moves by `carried` times the velocity, of which `kept` is left.
-  /// @param of_pose,of_both,of_velocity process noise: on the diagonals of the pose's, both mixed and the velocity's
-  ///     quarter of xx
+  /// P = F P F^T + Q, see MotionStep.
+  /// @param q of each of the six axes
   template <std::size_t kBits>
-  [[gnu::always_inline]] void predict(double carried, double kept, const Eigen::Matrix<double, 6, 1>& of_pose,
-                                      const Eigen::Matrix<double, 6, 1>& of_both,
-                                      const Eigen::Matrix<double, 6, 1>& of_velocity) noexcept {
+  [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     using Column = Pack<12, kBits>;
-    // F P F^T with F = [I, carried I; 0, kept I].
+    const double carried = motion.carried, kept = motion.kept;
     const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
       Column column(numbers);
       const Column velocity = column.second_half();
@@ -48,10 +46,10 @@ struct ErrorCovariance {
       Column pose = moved(&xx(0, i)), velocity = moved(&xx(0, 6 + i));
       pose.add(carried, velocity);
       velocity.scale(kept);
-      pose.add_at(k, of_pose(i));
-      pose.add_at(6 + k, of_both(i));
-      velocity.add_at(k, of_both(i));
-      velocity.add_at(6 + k, of_velocity(i));
+      pose.add_at(k, motion.pose * q[k]);
+      pose.add_at(6 + k, motion.both * q[k]);
+      velocity.add_at(k, motion.both * q[k]);
+      velocity.add_at(6 + k, motion.velocity * q[k]);
       pose.store(&xx(0, i));
       velocity.store(&xx(0, 6 + i));
     }

@@ -11,7 +11,7 @@
 namespace evmarker {
 
 /// [J; d] of a measurement.
-using MeasurementRow = Eigen::Matrix<double, MeasurementRows::kNumbers, 1>;
+using MeasurementRow = std::array<double, MeasurementRows::kNumbers>;
 
 /// Collects scalar measurements d = J [p; b] of an error state and solves for it.
 class KalmanMeasurements {
@@ -20,7 +20,7 @@ class KalmanMeasurements {
   /// @param weight inverse variance, up to the factor that `correct` is given
   void add(const MeasurementRow& row, double weight) noexcept {
     if (waiting_ == kMost) add_squares();
-    for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][waiting_] = row(static_cast<Eigen::Index>(j));
+    for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][waiting_] = row[j];
     rows_.weight[waiting_++] = weight;
     ++count_;
   }
@@ -58,10 +58,11 @@ class KalmanMeasurements {
       constexpr std::size_t kBits = bits, kAbreast = kBits > 128 ? 4 : 2;  // whose numbers fit into the registers
       std::size_t i = 0;
       for (; i + kAbreast <= waiting_; i += kAbreast) taken |= take<kAbreast, kBits>(i, information, P, error);
-      if (i + 2 <= waiting_) {
-        taken |= take<2, kBits>(i, information, P, error);
-        i += 2;
-      }
+      if constexpr (kAbreast > 2)
+        if (i + 2 <= waiting_) {
+          taken |= take<2, kBits>(i, information, P, error);
+          i += 2;
+        }
       if (i < waiting_) taken |= take<1, kBits>(i, information, P, error);
     });
     return taken;

@@ -1,7 +1,5 @@
 #pragma once
 // Our rule: coupled point-to-line Kalman filter with velocity and edge offset.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -47,10 +45,9 @@ class KalmanUpdate {
     require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
     require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
     require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
-    P_.xx.diagonal() << Eigen::Vector3d::Constant(squared(settings.initial_sigma_t_m)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_r_rad)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_v_m_s)),
-        Eigen::Vector3d::Constant(squared(settings.initial_sigma_w_rad_s));
+    const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
+                             settings.initial_sigma_w_rad_s};
+    for (int i = 0; i < 12; ++i) P_.xx(i, i) = squared(sigmas[i / 3]);
     P_.bb[kOffset][kOffset] = squared(settings.initial_sigma_offset_px);
     P_.bb[kTrail][kTrail] = squared(settings.initial_sigma_trail_px);
   }
@@ -60,53 +57,37 @@ class KalmanUpdate {
     scales_share_ = 1 - std::pow(0.99, events);
   }
 
-  /// Adds one event's row J = [g, (E - T) x g, s, -s p] of the measurement, g how its edge moves along the image
-  /// normal, p the event's polarity.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const Eigen::Vector3d lever = c.E - T_camera_marker.translation(), turning = lever.cross(c.gradient);
-    const double s = c.dark_side_known ? 1 : 0, trailing = -s * c.polarity;
-    const double residual = residual_px(c);
-    const double lever2 = lever.squaredNorm(), gradient2 = c.gradient.squaredNorm(), residual2 = residual * residual;
+    const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
+    const Measurement of_event = measurement(c.gradient, lever, c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
     // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
-    if (!(residual2 * (lever2 * gradient2) < kInfinity)) return;
-    const double robust2 = settings_.robust_px * settings_.robust_px;
-    const double weight = robust2 / (robust2 + residual2);
-    MeasurementRow row;
-    row << c.gradient.x(), c.gradient.y(), c.gradient.z(), turning.x(), turning.y(), turning.z(), s, trailing, residual;
-    measurements_.add(row, weight);
-    sums_.residual2 += residual2;
-    sums_.lever2 += lever2;
-    sums_.gradient2 += gradient2;
+    if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
+    measurements_.add(of_event.row, of_event.weight);
+    sums_.residual2 += of_event.residual2;
+    sums_.lever2 += of_event.lever2;
+    sums_.gradient2 += of_event.gradient2;
     sums_.since_us += us_since_update(c.t);
   }
 
-  /// The same for up to eight events.
+  /// Batch version.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
-    const double T_x = T_camera_marker.translation().x(), T_y = T_camera_marker.translation().y(),
-                 T_z = T_camera_marker.translation().z();
-    const double robust2 = settings_.robust_px * settings_.robust_px, offset_px = bias_px_[kOffset],
-                 trail_px = bias_px_[kTrail], t_us = t_us_;
+    const Vec3 T = translation(T_camera_marker);
+    const double t_us = t_us_;
     alignas(64) std::array<Lanes, MeasurementRows::kNumbers> rows;
     alignas(64) Lanes weights, residual2, lever2, gradient2, since, product;
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const double g_x = c.g_x[i], g_y = c.g_y[i], g_z = c.g_z[i], trailing = -c.polarity[i],
-                   residual = c.distance_px[i] - offset_px - trailing * trail_px;
-      const double x = c.E_x[i] - T_x, y = c.E_y[i] - T_y, z = c.E_z[i] - T_z, late_us = c.t[i] - t_us;
-      residual2[i] = c.is_event[i] * residual * residual;
-      lever2[i] = c.is_event[i] * (x * x + y * y + z * z);
-      gradient2[i] = c.is_event[i] * (g_x * g_x + g_y * g_y + g_z * g_z);
+      const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
+      const Measurement of_event =
+          measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], 1, c.polarity[i]);
+      const double late_us = c.t[i] - t_us;
+      residual2[i] = c.is_event[i] * of_event.residual2;
+      lever2[i] = c.is_event[i] * of_event.lever2;
+      gradient2[i] = c.is_event[i] * of_event.gradient2;
       product[i] = residual2[i] * (lever2[i] * gradient2[i]);
-      weights[i] = c.is_event[i] * robust2 / (robust2 + residual2[i]);
+      weights[i] = c.is_event[i] * of_event.weight;
       since[i] = c.is_event[i] * (late_us > 0 ? late_us : 0);
-      rows[0][i] = g_x;
-      rows[1][i] = g_y;
-      rows[2][i] = g_z;
-      rows[3][i] = y * g_z - z * g_y;
-      rows[4][i] = z * g_x - x * g_z;
-      rows[5][i] = x * g_y - y * g_x;
-      rows[6][i] = 1;
-      rows[7][i] = trailing;
-      rows[8][i] = residual;
+#pragma GCC unroll 9
+      for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
     if (!(sum(product) < kInfinity)) return;
     measurements_.add(rows, weights, c.count);
@@ -126,22 +107,21 @@ class KalmanUpdate {
     const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
     if (count > 0) average(count);
     t_us_ = static_cast<double>(t);
-    ErrorState error;
     limit_motion(count, dt);
-    error.x.head<6>() = predict(mean_dt);
+    ErrorState error;
+    set_pose(error, predict(mean_dt));
 
     const double per_event = signal_ / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
     const bool good = measurements_.correct(P_, error, per_event);
     forget_events();
 
-    Vector6d step = error.x.head<6>();
-    const Vector6d twist = twist_ + error.x.tail<6>();
-    const double edge_speed = twist.head<3>().norm() + std::sqrt(lever2()) * twist.tail<3>().norm();
+    Vec6 step = pose(error);
+    const Vec6 twist = twist_ + velocity(error);
+    const double edge_speed = norm(twist.t) + std::sqrt(scales_.lever2) * norm(twist.r);
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
-    if (lead_s != 0) step += carried(lead_s) * twist;
-    if (!good ||
-        !(step.squaredNorm() + twist.squaredNorm() + squared(error.b[kOffset]) + squared(error.b[kTrail]) < kInfinity))
-      return false;
+    if (lead_s != 0) step = step + motion(lead_s).carried * twist;
+    const Vec2 biases{error.b[kOffset], error.b[kTrail]};
+    if (!good || !std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
     perturb(T_camera_marker, step);
     twist_ = twist;
@@ -167,14 +147,14 @@ class KalmanUpdate {
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
     const double width_px = std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
     const double trail_px = expected_trail_px(width_px, events), sigma_px = 0.25 * trail_px;
-    MeasurementRow row = MeasurementRow::Zero();
-    row(6 + kTrail) = 1;
-    row(6 + kBiases) = trail_px - bias_px_[kTrail];
+    MeasurementRow row{};
+    row[6 + kTrail] = 1;
+    row[6 + kBiases] = trail_px - bias_px_[kTrail];
     measurements_.add(row, 1);
     ErrorState error;
     if (measurements_.correct(P_, error, 1 / squared(sigma_px))) correct_biases(error);
-    perturb(T_camera_marker, error.x.head<6>());
-    twist_ += error.x.tail<6>();
+    perturb(T_camera_marker, pose(error));
+    twist_ = twist_ + velocity(error);
     forget_events();
   }
 
@@ -199,34 +179,30 @@ class KalmanUpdate {
   void reverse() noexcept {
     forget_events();
     lead_s_ = -lead_s_;
-    twist_ = -twist_;
-    P_.xx.topRightCorner<6, 6>() *= -1;
-    P_.xx.bottomLeftCorner<6, 6>() *= -1;
-    for (Vector12d& column : P_.xb) column.tail<6>() *= -1;
+    scale_velocity(-1);
   }
 
   /// Of the pose, as PoseEstimate says it.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = P_.xx.topLeftCorner<6, 6>();
-    if (lead_s_ != 0) {
-      const Passage passed = passage(lead_s_);
-      const Noise noise = bounded(this->noise(passed));
-      for (int k = 0; k < 6; ++k)
-        P.col(k) += passed.carried *
-                    (P_.xx.col(k).tail<6>() + P_.xx.col(6 + k).head<6>() + passed.carried * P_.xx.col(6 + k).tail<6>());
-      P.diagonal() += noise.along(noise.pose);
-    }
+    Matrix6d P;
+    for (int k = 0; k < 6; ++k)
+      for (int i = 0; i < 6; ++i) P(i, k) = P_.xx(i, k);
+    if (lead_s_ != 0) add_motion(P, lead_s_);
     const double speed = this->speed(rotation_speed());
-    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(px_per_m2()) * speed) : 0;
+    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(scales_.px_per_m2) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
-    const Vector6d delayed = delay_s2 * twist_;
-    for (int i = 0; i < 6; ++i) P.col(i) = settings_.covariance_scale * P.col(i) + twist_(i) * delayed;
+    const std::array<double, 6> twist = twist_.array(), delayed = (delay_s2 * twist_).array();
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t i = 0; i < 6; ++i) {
+        double& element = P.data()[6 * k + i];
+        element = settings_.covariance_scale * element + twist[k] * delayed[i];
+      }
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
   /// How far an event lies from where its edge makes events.
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
-    return c.distance_px - (c.dark_side_known ? bias_px_[kOffset] - c.polarity * bias_px_[kTrail] : 0);
+    return residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
   }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return bias_px_[kOffset]; }
@@ -239,6 +215,40 @@ class KalmanUpdate {
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
+
+  struct Measurement {
+    MeasurementRow row;
+    double weight, residual2, lever2, gradient2;
+  };
+
+  // One event's row [J; d] of d = J [pose; biases]: J = [g, (E - T) x g, s, -s p], with a Cauchy weight.
+  // g: how its edge moves along the image normal; s: 1 if it is known on which side the edge is dark; p: polarity.
+  [[gnu::always_inline]] Measurement measurement(Vec3 g, Vec3 lever, double distance_px, double s,
+                                                 double p) const noexcept {
+    const Vec3 turning = cross(lever, g);
+    const double residual = residual_px(distance_px, s, p), residual2 = residual * residual;
+    const double robust2 = settings_.robust_px * settings_.robust_px;
+    return {{g.x, g.y, g.z, turning.x, turning.y, turning.z, s, -s * p, residual},
+            robust2 / (robust2 + residual2),
+            residual2,
+            squared_norm(lever),
+            squared_norm(g)};
+  }
+
+  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p) const noexcept {
+    return distance_px - s * bias_px_[kOffset] + s * p * bias_px_[kTrail];
+  }
+
+  static Vec6 pose(const ErrorState& error) noexcept { return of(error, 0); }
+  static Vec6 velocity(const ErrorState& error) noexcept { return of(error, 6); }
+  static Vec6 of(const ErrorState& error, Eigen::Index i) noexcept {
+    const auto& x = error.x;
+    return {{x(i), x(i + 1), x(i + 2)}, {x(i + 3), x(i + 4), x(i + 5)}};
+  }
+  static void set_pose(ErrorState& error, const Vec6& pose) noexcept {
+    const std::array<double, 6> all = pose.array();
+    std::copy(all.begin(), all.end(), error.x.data());
+  }
 
   void advance(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
@@ -263,62 +273,38 @@ class KalmanUpdate {
   double half_width_px() const noexcept { return std::sqrt(std::max(spread2_px_, 0.25)); }
 
   void average(int count) noexcept {
+    const double share = scales_known_ ? scales_share_ : 1;
     spread2_px_ += spread_share_ * (sums_.residual2 / count - spread2_px_);
-    scales_ += (scales_known_ ? scales_share_ : 1) * (Eigen::Vector2d(sums_.lever2, sums_.gradient2) / count - scales_);
+    scales_.lever2 += share * (sums_.lever2 / count - scales_.lever2);
+    scales_.px_per_m2 += share * (sums_.gradient2 / count - scales_.px_per_m2);
     scales_known_ = true;
   }
 
   // Rounding takes a rotation off SO(3) by 1e-16 a step: to mend that at every step took longer than the step.
-  void perturb(Eigen::Isometry3d& T, const Vector6d& step) noexcept {
-    T.translation() += step.head<3>();
-    T.linear() = ++steps_ % 16 == 0 ? rotated(T.linear(), step.tail<3>()) : turned(T.linear(), step.tail<3>());
+  void perturb(Eigen::Isometry3d& T, const Vec6& step) noexcept {
+    set_translation(T, translation(T) + step.t);
+    if (++steps_ % 16 == 0) orthonormalize(T);
+    turn(T, step.r);
   }
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
-  // 1 - exp(-x) for x >= 0: the share of the velocity that fades.
-  static double faded(double x) noexcept {
-    if (x < 1.0 / 32) [[likely]]  // the next term is under 1e-14 of the sum
-      return x * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6 * (1 - x / 7))))));
-    return -std::expm1(-x);
+  MotionStep motion(double dt) const noexcept {
+    return dt != 0 ? motion_step(dt, settings_.velocity_memory_s) : MotionStep();
   }
-
-  // A time in units of the velocity's memory, the share of the velocity that fades in it, and the integral of the
-  // fading velocity. A time before now is as uncertain as one after it.
-  struct Passage {
-    double x, faded, carried;
-  };
-  Passage passage(double dt) const noexcept {
-    const double tau = settings_.velocity_memory_s, x = std::abs(dt) / tau, f = faded(x);
-    return {x, f, std::copysign(tau * f, dt)};
-  }
-  double carried(double dt) const noexcept { return dt != 0 ? passage(dt).carried : 0; }
-
-  double lever2() const noexcept { return scales_(0); }
-  double px_per_m2() const noexcept { return scales_(1); }
 
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
-  double rotation_speed() const noexcept { return std::sqrt(lever2() * twist_.tail<3>().squaredNorm()); }
-  double speed(double rotation_speed) const noexcept { return twist_.head<3>().norm() + rotation_speed; }
+  double rotation_speed() const noexcept { return std::sqrt(scales_.lever2 * squared_norm(twist_.r)); }
+  double speed(double rotation_speed) const noexcept { return norm(twist_.t) + rotation_speed; }
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
 
-  // White acceleration of a velocity that fades, integrated: for short times q dt^3 / 3, q dt^2 / 2 and q dt.
-  struct Noise {
-    double q_translation, q_rotation;
-    double pose, pose_velocity, velocity;  // for q = 1
-    Vector6d along(double value) const noexcept {
-      const double t = value * q_translation, r = value * q_rotation;
-      return {t, t, t, r, r, r};
-    }
-  };
-
-  Noise noise(const Passage& passed) const noexcept {
+  // Density of the white acceleration along each axis, see KalmanSettings.
+  std::array<double, 6> acceleration() const noexcept {
     const double rotation_speed = this->rotation_speed();
-    const double q_translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
-    const double q_edges = settings_.rotation_share * q_translation + turning_noise(rotation_speed);
-    const double tau = settings_.velocity_memory_s, x = passed.x, f = passed.faded;
-    return {q_translation, q_edges / std::max(lever2(), kSmallestLever2),
-            tau * tau * tau * std::max(0.0, x - f - f * f / 2), tau * tau * f * f / 2, tau * (f - f * f / 2)};
+    const double translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
+    const double edges = settings_.rotation_share * translation + turning_noise(rotation_speed);
+    const double rotation = edges / std::max(scales_.lever2, kSmallestLever2);
+    return {translation, translation, translation, rotation, rotation, rotation};
   }
 
   // How far the edges can have moved at most while they made so many events, noise among them: no events is a
@@ -328,48 +314,61 @@ class KalmanUpdate {
     if (!(events_per_px_ > 0 && scales_known_)) return;
     constexpr double kSafety = 6;  // edges along the motion, hidden ones, fewer events of a fast edge
     const double deviation = std::sqrt((events + events_together_) * events_together_);
-    most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(px_per_m2()));
+    most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(scales_.px_per_m2));
     const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
-    const double expected = carried(dt) * std::max(speed(rotation_speed()), velocity_sigma);
-    if (!(expected > most_motion_m_)) return;
-    const double kept = most_motion_m_ / expected;
-    twist_ *= kept;
-    P_.xx.rightCols<6>() *= kept;
-    P_.xx.bottomRows<6>() *= kept;
-    for (Vector12d& column : P_.xb) column.tail<6>() *= kept;
+    const double expected = motion(dt).carried * std::max(speed(rotation_speed()), velocity_sigma);
+    if (expected > most_motion_m_) scale_velocity(most_motion_m_ / expected);
   }
 
-  // Noise that moves the edges no farther than that.
-  Noise bounded(Noise noise) const noexcept {
-    const double most2 = most_motion_m_ * most_motion_m_, pose = noise.q_translation * noise.pose;
-    if (!(pose > most2)) return noise;
-    noise.pose *= most2 / pose;
-    noise.pose_velocity *= std::sqrt(most2 / pose);
-    return noise;
+  void scale_velocity(double factor) noexcept {
+    twist_ = factor * twist_;
+    for (int k = 0; k < 6; ++k)
+      for (int i = 0; i < 6; ++i) {
+        P_.xx(i, 6 + k) *= factor;
+        P_.xx(6 + k, i) *= factor;
+        P_.xx(6 + i, 6 + k) *= factor * factor;
+      }
+    for (Vector12d& column : P_.xb)
+      for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
-  // Lets time pass until so long after the pose: velocity carries it and fades, its noise adds up. Returns the motion
-  // of the pose.
-  Vector6d predict(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s, carried_before = this->carried(lead_s_);
+  // Noise that moves the edges no farther than they can have moved.
+  MotionStep bounded(MotionStep motion, double acceleration) const noexcept {
+    const double most2 = most_motion_m_ * most_motion_m_, pose = acceleration * motion.pose;
+    if (!(pose > most2)) return motion;
+    motion.pose *= most2 / pose;
+    motion.both *= std::sqrt(most2 / pose);
+    return motion;
+  }
+
+  // What a time does to the pose's quarter of F P F^T + Q.
+  void add_motion(Matrix6d& P, double dt) const noexcept {
+    const std::array<double, 6> q = acceleration();
+    const MotionStep motion = bounded(this->motion(dt), q[0]);
+    for (int k = 0; k < 6; ++k) {
+      for (int i = 0; i < 6; ++i)
+        P(i, k) += motion.carried * (P_.xx(6 + i, k) + P_.xx(i, 6 + k) + motion.carried * P_.xx(6 + i, 6 + k));
+      P(k, k) += motion.pose * q[static_cast<std::size_t>(k)];
+    }
+  }
+
+  // Lets time pass until so long after the pose. Returns the motion of the pose.
+  Vec6 predict(double after_pose_s) noexcept {
+    const double dt = lead_s_ + after_pose_s, carried_before = motion(lead_s_).carried;
     lead_s_ = 0;
     if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
-    const Passage passed = passage(dt);
-    const double carried = passed.carried, kept = 1 - passed.faded;
-    const Noise noise = bounded(this->noise(passed));
-    const Vector6d of_pose = noise.along(noise.pose), of_velocity = noise.along(noise.velocity),
-                   of_both = noise.along(std::copysign(noise.pose_velocity, carried));
-    in_packs([&](auto bits)
-                 __attribute__((always_inline)) { P_.predict<bits>(carried, kept, of_pose, of_both, of_velocity); });
+    const std::array<double, 6> q = acceleration();
+    const MotionStep motion = bounded(this->motion(dt), q[0]);
+    in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
-    const Vector6d moved = (carried - carried_before) * twist_;
-    twist_ *= kept;
+    const Vec6 moved = (motion.carried - carried_before) * twist_;
+    twist_ = motion.kept * twist_;
     return moved;
   }
 
   Settings settings_;
   ErrorCovariance P_;
-  Vector6d twist_ = Vector6d::Zero();
+  Vec6 twist_;
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
   double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
   double signal_ = 1;                      // see expect_signal
@@ -378,7 +377,10 @@ class KalmanUpdate {
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
-  Eigen::Vector2d scales_{0, 0};     // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
+  struct Scales {
+    double lever2 = 0, px_per_m2 = 0;
+  };
+  Scales scales_;  // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
   bool scales_known_ = false;
   double spread_share_ = 0, scales_share_ = 0;  // of the next update's events in them
   struct Sums {

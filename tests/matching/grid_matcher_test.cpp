@@ -1,4 +1,4 @@
-#include "evmarker/matching/lattice_matcher.hpp"
+#include "evmarker/matching/grid_matcher.hpp"
 
 #include <doctest/doctest.h>
 
@@ -20,8 +20,8 @@ using evmarker::Correspondence;
 using evmarker::Correspondences;
 using evmarker::EventGroup;
 using evmarker::kLanes;
-using evmarker::LatticeMatcher;
-using evmarker::LatticeMatches;
+using evmarker::GridMatcher;
+using evmarker::GridMatches;
 using evmarker::make_code_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
@@ -49,7 +49,7 @@ Isometry3d pose_from_any_side(Random& random, double distance, double max_tilt) 
 }
 
 struct Tally {
-  int matched = 0, ambiguous = 0, near = 0, far = 0, on_lattice = 0, disagreements = 0;
+  int matched = 0, ambiguous = 0, near = 0, far = 0, on_grid = 0, disagreements = 0;
 
   int events() const { return matched + ambiguous + near + far; }
   void add(MatchResult result) {
@@ -71,7 +71,7 @@ bool agree(const Correspondence& a, const Correspondence& b) {
 int near_in_groups = 0;  // answers of that kind
 
 // Whether the event, at a random place among others, gets the same answer, in lanes and with what it means in space.
-bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult result,
+bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult result,
                    const Correspondence& expected) {
   static Random random(3);
   const auto count = static_cast<std::size_t>(random.integer(1, EventGroup::kMost)),
@@ -81,25 +81,25 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
     const Vector2d other = m + Vector2d(random(-0.02, 0.02), random(-0.02, 0.02));
     return std::tuple(i == place ? m : other, Timestamp{7}, 1.0);
   });
-  const auto most = std::min(place + 1, LatticeMatcher::Choices::kMost),
+  const auto most = std::min(place + 1, GridMatcher::Choices::kMost),
              first = place + 1 - static_cast<std::size_t>(random.integer(1, static_cast<int>(most)));
-  LatticeMatcher::Choices choices;
-  lattice.choose(group, first, std::min(count - first, LatticeMatcher::Choices::kMost), choices);
+  GridMatcher::Choices choices;
+  grid.choose(group, first, std::min(count - first, GridMatcher::Choices::kMost), choices);
   const int stretch = choices.stretch[place - first];
-  const LatticeMatcher::Choice careful = lattice.choose(m);
+  const GridMatcher::Choice careful = grid.choose(m);
   if (careful.result != result) return false;
-  if (stretch == LatticeMatcher::Choices::kFar) return result == MatchResult::far;
-  near_in_groups += stretch == LatticeMatcher::Choices::kNear;
-  if (stretch == LatticeMatcher::Choices::kNear) return result == MatchResult::near;
-  if (stretch != LatticeMatcher::Choices::kUnsure && &lattice.stretch(stretch) != careful.edge) return false;
-  if (result != MatchResult::matched) return stretch == LatticeMatcher::Choices::kUnsure;
+  if (stretch == GridMatcher::Choices::kFar) return result == MatchResult::far;
+  near_in_groups += stretch == GridMatcher::Choices::kNear;
+  if (stretch == GridMatcher::Choices::kNear) return result == MatchResult::near;
+  if (stretch != GridMatcher::Choices::kUnsure && &grid.stretch(stretch) != careful.edge) return false;
+  if (result != MatchResult::matched) return stretch == GridMatcher::Choices::kUnsure;
 
-  LatticeMatches matches;
+  GridMatches matches;
   matches.count = static_cast<std::size_t>(random.integer(1, kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
   matches.set(lane, m.x(), m.y(), 7, -1, *careful.edge);
   Correspondences c;
-  evmarker::correspond(lattice.projected(), matches, lattice.focal_length(), c);
+  evmarker::correspond(grid.projected(), matches, grid.focal_length(), c);
   Correspondence found = expected;
   found.segment = careful.edge->segment;
   found.distance_px = c.distance_px[lane];
@@ -111,17 +111,17 @@ bool same_in_group(const LatticeMatcher& lattice, const Vector2d& m, MatchResult
          c.count == matches.count && evmarker::sum(c.is_event) == static_cast<double>(c.count);
 }
 
-void compare(const LatticeMatcher& lattice, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {
+void compare(const GridMatcher& grid, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {
   Correspondence expected, found;
   const MatchResult result = segments.match(m, expected);
   tally.add(result);
-  tally.on_lattice += lattice.on_lattice();
-  const bool same = lattice.match(m, found) == result && (result != MatchResult::matched || agree(found, expected)) &&
-                    (!lattice.on_lattice() || same_in_group(lattice, m, result, expected));
+  tally.on_grid += grid.on_grid();
+  const bool same = grid.match(m, found) == result && (result != MatchResult::matched || agree(found, expected)) &&
+                    (!grid.on_grid() || same_in_group(grid, m, result, expected));
   tally.disagreements += !same;
   if (same || tally.disagreements > 5) return;
   CAPTURE(result);
-  CAPTURE(lattice.match(m, found));
+  CAPTURE(grid.match(m, found));
   CAPTURE(expected.segment);
   CAPTURE(found.segment);
   CAPTURE(expected.distance_px);
@@ -149,10 +149,10 @@ Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
     const int kind = random.integer(0, 5);
     const MarkerModel model =
         kind == 0 ? make_square_marker(length) : make_code_marker(length, random_bits(random, 2 + kind));
-    LatticeMatcher lattice(model, focal_length, trial.settings);
+    GridMatcher grid(model, focal_length, trial.settings);
     SegmentMatcher segments(model, focal_length, trial.settings);
     const Isometry3d T = pose_from_any_side(random, random(trial.distance_low, trial.distance_high), trial.max_tilt);
-    if (lattice.project(T) != segments.project(T)) ++tally.disagreements;
+    if (grid.project(T) != segments.project(T)) ++tally.disagreements;
     for (int k = 0; k < trial.events; ++k) {
       const auto& edge =
           model.segments[static_cast<std::size_t>(random.integer(0, static_cast<int>(model.segments.size()) - 1))];
@@ -164,12 +164,12 @@ Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
           camera.project(T * (from + place * (to - from))) + Vector2d(random(-spread, spread), random(-spread, spread));
       const Vector2d rounded(std::round(pixel.x()), std::round(pixel.y()));
       if (!(rounded.x() >= 0 && rounded.y() >= 0 && rounded.x() < size.width && rounded.y() < size.height)) continue;
-      compare(lattice, segments,
+      compare(grid, segments,
               lines({static_cast<std::uint16_t>(rounded.x()), static_cast<std::uint16_t>(rounded.y()), true, 0}),
               tally);
     }
   }
-  MESSAGE("events ", tally.events(), ", through the lattice ", tally.on_lattice, ": matched ", tally.matched,
+  MESSAGE("events ", tally.events(), ", through the grid ", tally.on_grid, ": matched ", tally.matched,
           ", ambiguous ", tally.ambiguous, ", near ", tally.near, ", far ", tally.far);
   return tally;
 }
@@ -185,8 +185,8 @@ TEST_CASE("every event is matched as by the search over all segments: near, tilt
     const Tally tally = run(camera, {0.25, 1.0, 70 * kPi / 180, 4500, 100, {}}, 11);
     CHECK(tally.disagreements == 0);
     CHECK(tally.events() > 400000);
-    CHECK(tally.on_lattice > 300000);
-    CHECK(tally.on_lattice < tally.events());  // and poses that are left to the search
+    CHECK(tally.on_grid > 300000);
+    CHECK(tally.on_grid < tally.events());  // and poses that are left to the search
     CHECK(tally.matched > 200000);
     CHECK(tally.ambiguous > 10000);
     CHECK(tally.near > 100000);
@@ -205,7 +205,7 @@ TEST_CASE("every event is matched as by the search over all segments: other marg
     const Tally tally = run(kDistorted, {0.15, 0.8, 75 * kPi / 180, 1000, 100, settings}, ++seed);
     CHECK(tally.disagreements == 0);
     CHECK(tally.events() > 50000);
-    CHECK((tally.on_lattice > 0) == (settings.ambiguity_px > 0));
+    CHECK((tally.on_grid > 0) == (settings.ambiguity_px > 0));
     CHECK(tally.matched > 1000);
   }
 }
@@ -213,24 +213,24 @@ TEST_CASE("every event is matched as by the search over all segments: other marg
 TEST_CASE("a matcher that goes from pose to pose matches like one that is new at each") {
   Random random(5);
   const MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
-  LatticeMatcher lattice(model, 533);
+  GridMatcher grid(model, 533);
   SegmentMatcher segments(model, 533);
   Tally tally;
   Isometry3d T = pose_from_any_side(random, 0.5, 0.3);
   int changes = 0;
   for (int i = 0; i < 3000; ++i) {
-    // A slow motion with a jump now and then, also to where the marker is too small for the lattice or behind the
+    // A slow motion with a jump now and then, also to where the marker is too small for the grid or behind the
     // camera.
     T.translation() += Vector3d(random(-1, 1), random(-1, 1), random(-1, 1)) * 1e-3;
     if (i % 50 == 0) T = pose_from_any_side(random, random(0.2, 2), 1.4);
     if (i % 500 == 49) T.translation() *= -1;
-    const bool on_lattice = lattice.on_lattice();
+    const bool on_grid = grid.on_grid();
     const bool visible = segments.project(T);
-    REQUIRE(lattice.project(T) == visible);
-    changes += lattice.on_lattice() != on_lattice;
+    REQUIRE(grid.project(T) == visible);
+    changes += grid.on_grid() != on_grid;
     for (int k = 0; k < 20; ++k) {
       const Vector3d P = T * Vector3d(random(-0.055, 0.055), random(-0.055, 0.055), 0);
-      compare(lattice, segments, P.head<2>() / P.z(), tally);
+      compare(grid, segments, P.head<2>() / P.z(), tally);
     }
   }
   CHECK(tally.disagreements == 0);
@@ -240,7 +240,7 @@ TEST_CASE("a matcher that goes from pose to pose matches like one that is new at
 
 TEST_CASE("no event matches without a pose, a line of sight or a marker in front of the camera") {
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
-  LatticeMatcher matcher(make_square_marker(0.1), 500);
+  GridMatcher matcher(make_square_marker(0.1), 500);
   Correspondence c;
   const Vector2d on_edge(0.05 / 0.5, 0);
   CHECK(matcher.match(on_edge, c) == MatchResult::far);  // not projected yet
@@ -248,7 +248,7 @@ TEST_CASE("no event matches without a pose, a line of sight or a marker in front
   ahead.linear() = Eigen::AngleAxisd(kPi, Vector3d::UnitX()).toRotationMatrix();
   ahead.translation().z() = 0.5;
   REQUIRE(matcher.project(ahead));
-  REQUIRE(matcher.on_lattice());
+  REQUIRE(matcher.on_grid());
   CHECK(matcher.match(on_edge, c) == MatchResult::matched);
   for (const Vector2d& m : {Vector2d(nan, nan), Vector2d(0.1, nan), Vector2d(nan, 0), Vector2d(infinity, 0)})
     CHECK(matcher.match(m, c) == MatchResult::far);
@@ -275,22 +275,22 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   const double focal_length = 533, pixel = 0.6 / focal_length;
   Isometry3d T = random_pose(random, 0.6, 0.2, false);
   T.translation() = Vector3d(0, 0, 0.6);
-  LatticeMatcher lattice(model, focal_length);
+  GridMatcher grid(model, focal_length);
   SegmentMatcher segments(model, focal_length);
-  REQUIRE(lattice.project(T));
-  REQUIRE(lattice.on_lattice());
-  const LatticeMatcher before = lattice;
+  REQUIRE(grid.project(T));
+  REQUIRE(grid.on_grid());
+  const GridMatcher before = grid;
   Isometry3d moved = T;
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
-  REQUIRE(lattice.move(moved, 0.5));
-  CHECK(lattice.lookups() == before.lookups());
+  REQUIRE(grid.move(moved, 0.5));
+  CHECK(grid.lookups() == before.lookups());
   REQUIRE(segments.project(moved));
   int kept = 0, where_it_is = 0;
   for (int i = 0; i < 4000; ++i) {
     const Vector3d P = T * Vector3d(random(-0.055, 0.055), random(-0.055, 0.055), 0);
     const Vector2d m = P.head<2>() / P.z();
     Correspondence found, then, now;
-    const MatchResult result = lattice.match(m, found);
+    const MatchResult result = grid.match(m, found);
     REQUIRE(result == before.match(m, then));
     if (result != MatchResult::matched) continue;
     REQUIRE(found.segment == then.segment);
@@ -302,15 +302,15 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   CHECK(kept > 500);
   CHECK(where_it_is > 500);
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
-  REQUIRE(lattice.move(moved, 0.5));
-  CHECK(lattice.lookups() == before.lookups() + 1);
+  REQUIRE(grid.move(moved, 0.5));
+  CHECK(grid.lookups() == before.lookups() + 1);
 }
 
-TEST_CASE("a wireframe without a lattice is matched by the search over all segments") {
+TEST_CASE("a wireframe without a grid is matched by the search over all segments") {
   Random random(8);
   MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
   model.cells = 0;
-  LatticeMatcher matcher(model, 533);
+  GridMatcher matcher(model, 533);
   SegmentMatcher segments(model, 533);
   Tally tally;
   for (int i = 0; i < 100; ++i) {
@@ -322,6 +322,6 @@ TEST_CASE("a wireframe without a lattice is matched by the search over all segme
     }
   }
   CHECK(tally.disagreements == 0);
-  CHECK(tally.on_lattice == 0);
+  CHECK(tally.on_grid == 0);
   CHECK(tally.matched > 500);
 }

@@ -1,7 +1,5 @@
 #pragma once
-// Nearest model edge of an event in constant time: code markers through the lattice of their cells.
-#include <Eigen/Core>
-#include <Eigen/Geometry>
+// Nearest model edge of an event in constant time: code markers through the grid of their cells.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,27 +7,27 @@
 #include <optional>
 #include <utility>
 
-#include "evmarker/matching/cell_lattice.hpp"
-#include "evmarker/matching/lattice_correspondence.hpp"
-#include "evmarker/matching/lattice_lanes.hpp"
-#include "evmarker/matching/projected_lattice.hpp"
+#include "evmarker/matching/grid_correspondence.hpp"
+#include "evmarker/matching/grid_edges.hpp"
+#include "evmarker/matching/nearest_lines.hpp"
+#include "evmarker/matching/projected_grid.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
 
 namespace evmarker {
 
 /// Matches like SegmentMatcher, event by event with the same result. On a code marker it does not ask every segment:
-/// the inverse homography takes the event into the marker's lattice, where the nearest vertical and horizontal line are
+/// the inverse homography takes the event into the marker's grid, where the nearest vertical and horizontal line are
 /// a rounding and a table knows their edges. Other wireframes, and poses at which more lines than these two may be
 /// within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
-class LatticeMatcher {
+class GridMatcher {
  public:
-  using Stretch = CellLattice::Stretch;
+  using Stretch = GridEdges::Stretch;
 
   /// @throws std::invalid_argument like SegmentMatcher
-  LatticeMatcher(MarkerModel model, double focal_length, SegmentMatcherSettings settings = {})
+  GridMatcher(MarkerModel model, double focal_length, SegmentMatcherSettings settings = {})
       : segments_(std::move(model), focal_length, settings),
-        lattice_(CellLattice::of(segments_.model())),
+        grid_(GridEdges::of(segments_.model())),
         focal_length_(focal_length),
         max_distance_(settings.max_distance_px / focal_length),
         end_margin_(settings.end_margin_px / focal_length),
@@ -42,28 +40,28 @@ class LatticeMatcher {
         rival_factor_(1 + 2 * ambiguity_ / max_distance_),
         rival_offset_(ambiguity_ * (max_distance_ / 2 + ambiguity_)) {
     if (!(settings.ambiguity_px > 1e-6))
-      lattice_.reset();  // ties, which rounding decides there, would have to be decided alike
-    if (!lattice_) return;
-    projected_ = ProjectedLattice(lattice_->cells(), lattice_->cell_length_m());
-    stretches_of_line_ = lattice_->stretches_of_line();
-    first_stretch_ = {2, 2 + (lattice_->cells() + 1) * stretches_of_line_};
+      grid_.reset();  // ties, which rounding decides there, would have to be decided alike
+    if (!grid_) return;
+    projected_ = ProjectedGrid(grid_->cells(), grid_->cell_length_m());
+    stretches_of_line_ = grid_->stretches_of_line();
+    first_stretch_ = {2, 2 + (grid_->cells() + 1) * stretches_of_line_};
   }
 
   /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    on_lattice_ = lattice_ && projected_.project(T_camera_marker) && fits();
-    if (on_lattice_) {
+    on_grid_ = grid_ && projected_.project(T_camera_marker) && fits();
+    if (on_grid_) {
       lookup_ = projected_;
       lookup_corners_ = lookup_.corners();
     }
     ++lookups_;
-    return on_lattice_ || segments_.project(T_camera_marker);
+    return on_grid_ || segments_.project(T_camera_marker);
   }
 
   /// The same, but events go on matching the edges that they matched at the last `project`, where these are now, if the
   /// marker has moved less than so far since then.
   bool move(const Eigen::Isometry3d& T_camera_marker, double pixels) noexcept {
-    if (on_lattice_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, pixels / focal_length_))
+    if (on_grid_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, pixels / focal_length_))
         [[likely]]
       return true;
     return project(T_camera_marker);
@@ -72,20 +70,20 @@ class LatticeMatcher {
   unsigned lookups() const noexcept { return lookups_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
-  MatchResult match(const Eigen::Vector2d& m, Correspondence& correspondence) const noexcept {
-    if (!on_lattice_) return segments_.match(m, correspondence);
+  MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
+    if (!on_grid_) return segments_.match(m, correspondence);
     const Choice choice = choose(m);
     return choice.result == MatchResult::matched ? correspond(*choice.edge, m, correspondence) : choice.result;
   }
 
-  /// What an event matches on the lattice, and where.
+  /// What an event matches on the grid, and where.
   struct Choice {
     MatchResult result = MatchResult::matched;
     const Stretch* edge = nullptr;  ///< of a matched event
   };
 
-  /// The same without what it means in space, while `on_lattice()`.
-  [[gnu::always_inline]] Choice choose(const Eigen::Vector2d& m) const noexcept {
+  /// The same without what it means in space, while `on_grid()`.
+  [[gnu::always_inline]] Choice choose(Vec2 m) const noexcept {
     const Sight sight = lookup_.sight(m);
     if (!lookup_.within(fringe_, sight)) return {MatchResult::far};
     const Lines lines = lookup_.nearest_lines(sight);
@@ -96,7 +94,7 @@ class LatticeMatcher {
   }
 
   /// The same, for an event that is known not to be far and not to be surely beside one edge.
-  Choice choose_carefully(const Eigen::Vector2d& m) const noexcept {
+  Choice choose_carefully(Vec2 m) const noexcept {
     const Sight sight = lookup_.sight(m);
     return choose_carefully(sight, lookup_.nearest_lines(sight));
   }
@@ -104,16 +102,16 @@ class LatticeMatcher {
   /// For each of many events the number of the stretch that it matches, or one of these.
   struct Choices {
     static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: ask `choose_carefully`
-    static constexpr std::size_t kMost = LatticeLines::kMost;
+    static constexpr std::size_t kMost = NearestLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
 
   /// The same for many events, faster: for `count` from `first` on.
   void choose(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
-    LatticeLines lines;
+    NearestLines lines;
     const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
     const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
-    const Stretch* const stretches = lattice_->stretches();
+    const Stretch* const stretches = grid_->stretches();
     in_wide_vectors([&]() __attribute__((always_inline)) {
       nearest_lines(lookup_, fringe_, end_margin_cells_, events, first, count, lines);
       for (std::size_t from = 0; from < count; from += kLanes)
@@ -136,44 +134,40 @@ class LatticeMatcher {
   }
 
   /// What it means in space that an event matches an edge, at the present pose.
-  [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, const Eigen::Vector2d& m,
+  [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, Vec2 m,
                                                 Correspondence& correspondence) const noexcept {
     return evmarker::correspond(projected_, edge, m, focal_length_, correspondence) ? MatchResult::matched
                                                                                     : MatchResult::near;
   }
 
-  const Stretch& stretch(int number) const noexcept { return lattice_->stretches()[number]; }
-  const ProjectedLattice& projected() const noexcept { return projected_; }
+  const Stretch& stretch(int number) const noexcept { return grid_->stretches()[number]; }
+  const ProjectedGrid& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
   /// @param around the least width of what it contains around a code marker [cells]
-  Eigen::AlignedBox2d reach(double around = 0) const noexcept {
-    if (!on_lattice_) return segments_.reach();
+  Box reach(double around = 0) const noexcept {
+    if (!on_grid_) return segments_.reach();
     const double fringe = std::max(fringe_, around);
-    Eigen::AlignedBox2d box;
+    Box box;
     for (const double x : {-fringe, lookup_.cells() + fringe})
       for (const double y : {-fringe, lookup_.cells() + fringe}) {
-        const Eigen::Vector3d P = lookup_.point(x, y);
-        if (!(P.z() > 0)) return everywhere();
-        box.extend(Eigen::Vector2d(P.head<2>() / P.z()));
+        const Vec3 P = lookup_.point(x, y);
+        if (!(P.z > 0)) return Box::everywhere();
+        box.extend(on_plane(P));
       }
     return box;
-  }
-  static Eigen::AlignedBox2d everywhere() noexcept {
-    const Eigen::Vector2d far = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-    return {-far, far};
   }
 
   const MarkerModel& model() const noexcept { return segments_.model(); }
   double focal_length() const noexcept { return focal_length_; }
   double max_distance_px() const noexcept { return focal_length_ * max_distance_; }
-  /// Whether the present pose is matched through the lattice.
-  bool on_lattice() const noexcept { return on_lattice_; }
+  /// Whether the present pose is matched through the grid.
+  bool on_grid() const noexcept { return on_grid_; }
 
  private:
-  using Sight = ProjectedLattice::Sight;
-  using Lines = ProjectedLattice::Lines;
-  using Line = ProjectedLattice::Line;
+  using Sight = ProjectedGrid::Sight;
+  using Lines = ProjectedGrid::Lines;
+  using Line = ProjectedGrid::Line;
 
   // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
   // ends. No branch before the last, and that one can be foreseen. False for anything else.
@@ -181,13 +175,13 @@ class LatticeMatcher {
     if (!(smaller(lines.foot_w[0], lines.foot_w[1]) > 0)) [[unlikely]]
       return false;  // beyond the horizon
     const Pair foot = smaller(larger(lines.foot_a / lines.foot_w, Pair{} - 0.5), Pair{} + (lookup_.cells() + 0.5));
-    // In a cell, both of these are its number; around a lattice point, they differ by one.
-    const Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedLattice::kRounding;
-    const Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedLattice::kRounding;
+    // In a cell, both of these are its number; around a grid point, they differ by one.
+    const Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedGrid::kRounding;
+    const Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedGrid::kRounding;
     const auto stretch = [&](int i) {
-      const int line = ProjectedLattice::rounded(lines.k_sum[i]),
-                cell_or_point = ProjectedLattice::rounded(number[i]) + ProjectedLattice::rounded(other_number[i]);
-      return lattice_->stretches() +
+      const int line = ProjectedGrid::rounded(lines.k_sum[i]),
+                cell_or_point = ProjectedGrid::rounded(number[i]) + ProjectedGrid::rounded(other_number[i]);
+      return grid_->stretches() +
              (first_stretch_[static_cast<std::size_t>(i)] + stretches_of_line_ * line + cell_or_point);
     };
     const Stretch* const found[2] = {stretch(0), stretch(1)};
@@ -202,17 +196,17 @@ class LatticeMatcher {
 
   // All other events: near two edges, an end of one, or none.
   [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
-    const Eigen::Index first = lines.squared[1] < lines.squared[0], second = 1 - first;
+    const std::size_t first = lines.squared[1] < lines.squared[0], second = 1 - first;
     if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
-    const Place place = place_on(ProjectedLattice::line(lines, first));
+    const Place place = place_on(ProjectedGrid::line(lines, first));
     if (!place.edge) {
       if (!(lines.squared[second] <= limit2_)) return {near_or_far(sight, lines)};
-      const Place other = place_on(ProjectedLattice::line(lines, second));
+      const Place other = place_on(ProjectedGrid::line(lines, second));
       if (!other.edge) return {near_or_far(sight, lines)};
       return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
     const double rival = std::sqrt(lines.squared[first]) + ambiguity_;
-    if (place.tie || (lines.squared[second] < rival * rival && place_on(ProjectedLattice::line(lines, second)).edge))
+    if (place.tie || (lines.squared[second] < rival * rival && place_on(ProjectedGrid::line(lines, second)).edge))
       return {MatchResult::ambiguous};
     return {MatchResult::matched, place.edge};
   }
@@ -230,13 +224,13 @@ class LatticeMatcher {
     const double past_point = foot - cell;
     if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
       return place_at_end(line, cell + (past_point > 0.5));
-    return {on(lattice_->stretch(line.coordinate, static_cast<int>(line.k), cell)), false};
+    return {on(grid_->stretch(line.coordinate, static_cast<int>(line.k), cell)), false};
   }
 
-  // Near a lattice point, where an edge may end: it reaches beyond its end by the margin.
+  // Near a grid point, where an edge may end: it reaches beyond its end by the margin.
   Place place_at_end(const Line& line, int point) const noexcept {
-    const Stretch& before = lattice_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
-    const Stretch& behind = lattice_->stretch(line.coordinate, static_cast<int>(line.k), point);
+    const Stretch& before = grid_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
+    const Stretch& behind = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
     if (before.segment == behind.segment) return {on(behind), false};
     const double beyond = line.foot_a - point * line.foot_w;
     if (!(std::abs(beyond) <= lookup_.at_point(line, point, end_margin_)))
@@ -249,8 +243,8 @@ class LatticeMatcher {
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
   [[gnu::noinline]] MatchResult near_or_far(const Sight& sight, const Lines& lines) const noexcept {
     const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && place_on(line).edge; };
-    if (beside(ProjectedLattice::line(lines, 0)) || beside(ProjectedLattice::line(lines, 1))) return MatchResult::near;
-    for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate) {
+    if (beside(ProjectedGrid::line(lines, 0)) || beside(ProjectedGrid::line(lines, 1))) return MatchResult::near;
+    for (std::size_t coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a[coordinate] / sight.w - fringe_));
       const double to = std::min(lookup_.cells(), sight.a[coordinate] / sight.w + fringe_);
       for (double k = from; k <= to; ++k)
@@ -266,15 +260,14 @@ class LatticeMatcher {
     rate_ = rate;
     fringe_ = rate_ * near_reach_;
     end_margin_cells_ = rate_ * end_margin_ + 1e-9;  // so that rounding cannot miss an end
-    fits_ =
-        rate_ > 0 && fringe_ < ProjectedLattice::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
+    fits_ = rate_ > 0 && fringe_ < ProjectedGrid::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
     return fits_;
   }
 
   SegmentMatcher segments_;
-  std::optional<CellLattice> lattice_;
-  ProjectedLattice projected_;  // at the present pose: where edges are
-  ProjectedLattice lookup_;     // at that of the last `project`: which edge an event belongs to
+  std::optional<GridEdges> grid_;
+  ProjectedGrid projected_;  // at the present pose: where edges are
+  ProjectedGrid lookup_;     // at that of the last `project`: which edge an event belongs to
   double focal_length_;
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
@@ -282,8 +275,8 @@ class LatticeMatcher {
   double rival_factor_, rival_offset_;            // the runner-up's squared distance must surely be larger than that
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
-  bool on_lattice_ = false;
-  ProjectedLattice::Corners lookup_corners_;
+  bool on_grid_ = false;
+  ProjectedGrid::Corners lookup_corners_;
   unsigned lookups_ = 0;
   double rate_ = 0;              // that the following were computed for
   bool fits_ = false;            // see fits()

@@ -1,11 +1,11 @@
-#include "evmarker/matching/cell_lattice.hpp"
+#include "evmarker/matching/grid_edges.hpp"
 
 #include <doctest/doctest.h>
 
 #include <limits>
 
-using evmarker::CellLattice;
 using evmarker::CodeBits;
+using evmarker::GridEdges;
 using evmarker::make_code_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
@@ -23,10 +23,10 @@ CodeBits bits() {
 TEST_CASE("every border between a black and a white cell is an edge, dark on its black side, and nothing else is") {
   const CodeBits code = bits();
   const MarkerModel model = make_code_marker(0.12, code);
-  const auto lattice = CellLattice::of(model);
-  REQUIRE(lattice);
-  CHECK(lattice->cells() == 6);
-  CHECK(lattice->cell_length_m() == doctest::Approx(0.02));
+  const auto grid = GridEdges::of(model);
+  REQUIRE(grid);
+  CHECK(grid->cells() == 6);
+  CHECK(grid->cell_length_m() == doctest::Approx(0.02));
   const auto black = [&](int row, int column) {
     if (row < 0 || column < 0 || row > 5 || column > 5) return 0;
     const bool border = row == 0 || column == 0 || row == 5 || column == 5;
@@ -35,8 +35,8 @@ TEST_CASE("every border between a black and a white cell is an edge, dark on its
   int edges = 0;
   for (int line = 0; line <= 6; ++line)
     for (int cell = -1; cell <= 6; ++cell) {
-      const auto& vertical = lattice->edge(0, line, cell);
-      const auto& horizontal = lattice->edge(1, line, cell);
+      const auto& vertical = grid->edge(0, line, cell);
+      const auto& horizontal = grid->edge(1, line, cell);
       CHECK(vertical.dark == black(cell, line) - black(cell, line - 1));
       CHECK(horizontal.dark == black(line, cell) - black(line - 1, cell));
       for (const auto* edge : {&vertical, &horizontal}) {
@@ -45,7 +45,7 @@ TEST_CASE("every border between a black and a white cell is an edge, dark on its
         ++edges;
         CHECK(edge->begin <= cell);
         CHECK(cell < edge->end);
-        // The segment lies where the table says: lattice x to the right, y down from the top left corner.
+        // The segment lies where the table says: grid x to the right, y down from the top left corner.
         const auto& segment = model.segments[static_cast<std::size_t>(edge->segment)];
         for (const int index : {segment.from, segment.to}) {
           const Eigen::Vector3d& vertex = model.vertices[static_cast<std::size_t>(index)];
@@ -59,16 +59,16 @@ TEST_CASE("every border between a black and a white cell is an edge, dark on its
   CHECK(edges > 24);
 }
 
-TEST_CASE("a stretch tells of its cell, and around a lattice point only where no edge ends there") {
-  const auto lattice = CellLattice::of(make_code_marker(0.12, bits()));
-  REQUIRE(lattice);
+TEST_CASE("a stretch tells of its cell, and around a grid point only where no edge ends there") {
+  const auto grid = GridEdges::of(make_code_marker(0.12, bits()));
+  REQUIRE(grid);
   const double infinity = std::numeric_limits<double>::infinity();
   int ends = 0, in_the_middle = 0;
-  for (int coordinate = 0; coordinate < 2; ++coordinate)
+  for (std::size_t coordinate = 0; coordinate < 2; ++coordinate)
     for (int line = 0; line <= 6; ++line)
       for (int cell = -1; cell <= 6; ++cell) {
-        const auto& edge = lattice->edge(coordinate, line, cell);
-        const auto& stretch = lattice->stretch(coordinate, line, cell);
+        const auto& edge = grid->edge(coordinate, line, cell);
+        const auto& stretch = grid->stretch(coordinate, line, cell);
         CHECK(stretch.segment == edge.segment);
         CHECK(stretch.dark == edge.dark);
         CHECK(stretch.begin == edge.begin);
@@ -77,8 +77,8 @@ TEST_CASE("a stretch tells of its cell, and around a lattice point only where no
         CHECK(stretch.at_most == stretch.at_least);
         if (cell == 6) continue;
         const auto& point = *(&stretch + 1);
-        CHECK(&lattice->stretch(coordinate, line, cell + 1) == &point + 1);
-        if (lattice->edge(coordinate, line, cell + 1).segment == edge.segment) {
+        CHECK(&grid->stretch(coordinate, line, cell + 1) == &point + 1);
+        if (grid->edge(coordinate, line, cell + 1).segment == edge.segment) {
           in_the_middle += edge.dark != 0;
           CHECK(point.segment == edge.segment);
           CHECK(point.at_most == stretch.at_most);
@@ -92,43 +92,43 @@ TEST_CASE("a stretch tells of its cell, and around a lattice point only where no
   CHECK(in_the_middle > 10);
 }
 
-TEST_CASE("a plain square is a lattice of one cell") {
-  const auto lattice = CellLattice::of(make_square_marker(0.1));
-  REQUIRE(lattice);
-  CHECK(lattice->cells() == 1);
-  CHECK(lattice->edge(0, 0, 0).dark == 1);
-  CHECK(lattice->edge(0, 1, 0).dark == -1);
-  CHECK(lattice->edge(1, 0, 0).dark == 1);
-  CHECK(lattice->edge(1, 1, 0).dark == -1);
+TEST_CASE("a plain square is a grid of one cell") {
+  const auto grid = GridEdges::of(make_square_marker(0.1));
+  REQUIRE(grid);
+  CHECK(grid->cells() == 1);
+  CHECK(grid->edge(0, 0, 0).dark == 1);
+  CHECK(grid->edge(0, 1, 0).dark == -1);
+  CHECK(grid->edge(1, 0, 0).dark == 1);
+  CHECK(grid->edge(1, 1, 0).dark == -1);
 }
 
-TEST_CASE("a wireframe that is not such a lattice is none") {
+TEST_CASE("a wireframe that is not such a grid is none") {
   const MarkerModel code = make_code_marker(0.12, bits());
-  REQUIRE(CellLattice::of(code));
+  REQUIRE(GridEdges::of(code));
   MarkerModel changed = code;
   changed.cells = 0;  // it does not say so
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.cells = 5;
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.vertices[2].y() += 1e-4;
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.vertices[2].z() = 1e-4;
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.segments[3].dark_side.setZero();
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.segments[3].dark_side = {0.6, 0.8, 0};
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.segments.push_back(changed.segments[0]);  // twice
-  CHECK_FALSE(CellLattice::of(changed));
+  CHECK_FALSE(GridEdges::of(changed));
   changed = code;
   changed.segments.push_back({0, 2, {1, 0, 0}});
   changed.vertices[2] = {0.06, -0.06, 0};  // a diagonal
-  CHECK_FALSE(CellLattice::of(changed));
-  CHECK_FALSE(CellLattice::of({}));
+  CHECK_FALSE(GridEdges::of(changed));
+  CHECK_FALSE(GridEdges::of({}));
 }

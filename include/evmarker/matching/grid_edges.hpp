@@ -1,5 +1,5 @@
 #pragma once
-// The edges of a square code marker by line and cell of its lattice.
+// The edges of a square code marker by line and cell of its grid.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,10 +13,10 @@
 
 namespace evmarker {
 
-/// What lies on every line of a code marker's lattice of cells. Lattice coordinates are counted in cells from the
+/// What lies on every line of a code marker's grid of cells. Grid coordinates are counted in cells from the
 /// marker's top left corner: x (coordinate 0) to the right, y (coordinate 1) down. A line of coordinate 0 is vertical.
 /// Copies share the table.
-class CellLattice {
+class GridEdges {
  public:
   /// The piece of a line beside one cell.
   struct Edge {
@@ -25,7 +25,7 @@ class CellLattice {
     std::int16_t begin = 0, end = 0;  ///< where that segment begins and ends on the line [cells]
   };
 
-  /// A stretch of a line of which one answer holds: within one cell, or around a lattice point.
+  /// A stretch of a line of which one answer holds: within one cell, or around a grid point.
   struct alignas(64) Stretch {
     // The squared distance to the edge here is that to the line, but at least `at_least` and, if that is known at all,
     // at most the greater of that and `at_most`: (0, 0) beside an edge, (inf, inf) where there is none, (0, inf) around
@@ -37,21 +37,21 @@ class CellLattice {
     std::int32_t coordinate = 0, segment = -1;  ///< of the line, and as in Edge
   };
 
-  /// Nothing for a wireframe that does not lie, without overlaps and with known dark sides, on the lines of a lattice
+  /// Nothing for a wireframe that does not lie, without overlaps and with known dark sides, on the lines of a grid
   /// of `model.cells` by `model.cells` cells.
-  static std::optional<CellLattice> of(const MarkerModel& model) {
-    CellLattice lattice;
+  static std::optional<GridEdges> of(const MarkerModel& model) {
+    GridEdges grid;
     if (model.cells < 1 || model.cells > 1000) return std::nullopt;
-    lattice.cells_ = model.cells;
+    grid.cells_ = model.cells;
     double half_length = 0;
     for (const Eigen::Vector3d& vertex : model.vertices) half_length = std::max(half_length, vertex.x());
-    lattice.cell_length_m_ = 2 * half_length / model.cells;
+    grid.cell_length_m_ = 2 * half_length / model.cells;
     std::vector<Edge> edges(2 * static_cast<std::size_t>((model.cells + 1) * (model.cells + 2)));
     for (std::size_t i = 0; i < model.segments.size(); ++i)
-      if (!lattice.add(model, i, edges)) return std::nullopt;
-    lattice.edges_ = std::make_shared<const std::vector<Edge>>(std::move(edges));
-    lattice.stretches_ = std::make_shared<const std::vector<Stretch>>(lattice.all_stretches());
-    return lattice;
+      if (!grid.add(model, i, edges)) return std::nullopt;
+    grid.edges_ = std::make_shared<const std::vector<Edge>>(std::move(edges));
+    grid.stretches_ = std::make_shared<const std::vector<Stretch>>(grid.all_stretches());
+    return grid;
   }
 
   /// Cells along a side, the black border included.
@@ -60,7 +60,7 @@ class CellLattice {
 
   /// @param line 0 to cells()
   /// @param cell along the line, -1 to cells(): beyond the ends of the line there is no edge
-  const Edge& edge(Eigen::Index coordinate, int line, int cell) const noexcept {
+  const Edge& edge(std::size_t coordinate, int line, int cell) const noexcept {
     return (*edges_)[index(coordinate, line, cell)];
   }
 
@@ -69,7 +69,7 @@ class CellLattice {
   const Stretch* stretches() const noexcept { return stretches_->data(); }
   int stretches_of_line() const noexcept { return 2 * cells_ + 3; }
   /// Of the line's piece beside a cell.
-  const Stretch& stretch(Eigen::Index coordinate, int line, int cell) const noexcept {
+  const Stretch& stretch(std::size_t coordinate, int line, int cell) const noexcept {
     return stretches()[(static_cast<int>(coordinate) * (cells_ + 1) + line) * stretches_of_line() + 2 * (cell + 1)];
   }
 
@@ -78,7 +78,7 @@ class CellLattice {
 
   std::vector<Stretch> all_stretches() const {
     std::vector<Stretch> all;
-    for (Eigen::Index coordinate = 0; coordinate < 2; ++coordinate)
+    for (std::size_t coordinate = 0; coordinate < 2; ++coordinate)
       for (int line = 0; line <= cells_; ++line)
         for (int cell = -1; cell <= cells_; ++cell) {
           const Edge& here = edge(coordinate, line, cell);
@@ -93,9 +93,8 @@ class CellLattice {
     return all;
   }
 
-  std::size_t index(Eigen::Index coordinate, int line, int cell) const noexcept {
-    return (static_cast<std::size_t>(coordinate) * static_cast<std::size_t>(cells_ + 1) +
-            static_cast<std::size_t>(line)) *
+  std::size_t index(std::size_t coordinate, int line, int cell) const noexcept {
+    return (coordinate * static_cast<std::size_t>(cells_ + 1) + static_cast<std::size_t>(line)) *
                static_cast<std::size_t>(cells_ + 2) +
            static_cast<std::size_t>(cell + 1);
   }
@@ -109,13 +108,13 @@ class CellLattice {
     if (normal.x() != 0 || normal.y() != 0 || normal.z() < 0) return false;  // not what the front shows
     const std::size_t along = (*from)[0] == (*to)[0] ? 1 : 0, across = 1 - along;
     if ((*from)[across] != (*to)[across]) return false;
-    // Lattice y runs down, the marker's up.
+    // Grid y runs down, the marker's up.
     const double dark = across == 0 ? segment.dark_side.x() : -segment.dark_side.y();
-    if (std::abs(dark) != segment.dark_side.norm() || dark == 0) return false;
+    if (std::abs(dark) != norm(Vec3(segment.dark_side)) || dark == 0) return false;
 
     const auto [begin, end] = std::minmax({(*from)[along], (*to)[along]});
     for (int cell = begin; cell < end; ++cell) {
-      Edge& edge = edges[index(static_cast<Eigen::Index>(across), (*from)[across], cell)];
+      Edge& edge = edges[index(across, (*from)[across], cell)];
       if (edge.dark != 0) return false;
       edge = {static_cast<std::int16_t>(i), static_cast<std::int16_t>(dark > 0 ? 1 : -1),
               static_cast<std::int16_t>(begin), static_cast<std::int16_t>(end)};
@@ -123,7 +122,7 @@ class CellLattice {
     return begin < end;
   }
 
-  // Lattice coordinates of a vertex, if it lies on a lattice point.
+  // Grid coordinates of a vertex, if it lies on a grid point.
   std::optional<std::array<int, 2>> place(const Eigen::Vector3d& vertex) const {
     const double x = vertex.x() / cell_length_m_ + cells_ / 2.0, y = cells_ / 2.0 - vertex.y() / cell_length_m_;
     const bool on_point = vertex.z() == 0 && std::abs(x - std::round(x)) < 1e-9 && std::abs(y - std::round(y)) < 1e-9;

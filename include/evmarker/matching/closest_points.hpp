@@ -1,0 +1,31 @@
+#pragma once
+// An event and an edge: their distance in the image, Eq. (1), and their nearest points in space, Eqs. (3) to (5).
+#include "evmarker/base/vector.hpp"
+#include "evmarker/simd/lanes.hpp"
+
+namespace evmarker {
+
+/// Eq. (1): how far a line of sight (m; 1) is from the image of an edge, in tangents, positive along the line's normal.
+/// @param line (n; c), the points of the image with n m + c = 0, |n| = 1
+[[gnu::always_inline]] constexpr double line_distance(Vec3 line, Vec2 m) noexcept {
+  return line.x * m.x + line.y * m.y + line.z;
+}
+
+/// The point E of an edge and the point F of a line of sight that are nearest to each other, camera frame [m].
+struct ClosestPoints {
+  Vec3 E, F;
+  bool exist = false;  ///< false if the edge points at the camera: the event says nothing then
+};
+
+/// Eqs. (3) to (5): E = V + a2 S on the edge, F = a1 M on the line of sight, E - F perpendicular to both.
+/// @param begin,end of the edge, in units of S: E does not leave it
+// Eq. (5) solved for a1 and a2; the paper writes V_j for V.
+[[gnu::always_inline]] inline ClosestPoints closest_points(Vec3 V, Vec3 S, double begin, double end, Vec3 M) noexcept {
+  const double MM = dot(M, M), MS = dot(M, S), SS = dot(S, S), MV = dot(M, V), SV = dot(S, V);
+  const double determinant = MM * SS - MS * MS;
+  const double a2 = smaller(larger((MS * MV - MM * SV) / determinant, begin), end);
+  const double a1 = (MV + a2 * MS) / MM;  // after the limit, still the point of M nearest to E
+  return {V + a2 * S, a1 * M, determinant > 1e-6 * MM * SS};
+}
+
+}  // namespace evmarker

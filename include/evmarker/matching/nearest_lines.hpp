@@ -1,0 +1,59 @@
+#pragma once
+// The lines of a code marker's grid that are nearest to many events at once.
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "evmarker/matching/event_group.hpp"
+#include "evmarker/matching/projected_grid.hpp"
+
+namespace evmarker {
+
+/// The vertical and the horizontal line of a grid that are nearest to each of some events.
+struct NearestLines {
+  static constexpr std::size_t kMost = 5 * kLanes;
+  using Numbers = std::array<double, kMost>;
+  alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, squared distance
+  alignas(64) std::array<Numbers, 2> place;  ///< of the foot: twice its cell; around a grid point, once each of both
+  alignas(64) Numbers within;                ///< 1 if the event is so near to the marker, else 0
+  alignas(64) Numbers exists;                ///< 1 if both feet are before the horizon, else 0
+};
+
+/// Batch version of `ProjectedGrid::nearest_lines`: of `count` events from `first` on.
+/// @param fringe cells around the marker that still count as within
+/// @param margin of a cell that counts as around a grid point
+[[gnu::always_inline]] inline void nearest_lines(const ProjectedGrid& grid, double fringe, double margin,
+                                                 const EventGroup& events, std::size_t first, std::size_t count,
+                                                 NearestLines& lines) noexcept {
+  constexpr double kRounding = ProjectedGrid::kRounding;
+  // Copies: the compiler cannot know that the results are not written over the originals.
+  const double cells = grid.cells(), centre = cells / 2, reach = centre + fringe;
+  const double before = 0.5 - margin, behind = 0.5 + margin;
+  const Vec3 row_w = grid.row_w(), row_x = grid.row(0), row_y = grid.row(1);
+  const double *const event_x = &events.x[first], *const event_y = &events.y[first];
+  for (std::size_t from = 0; from < count; from += kLanes)
+    for (std::size_t i = from; i < from + kLanes; ++i) {
+      const double x = event_x[i], y = event_y[i];
+      const double a_x = row_x.x * x + row_x.y * y + row_x.z, a_y = row_y.x * x + row_y.y * y + row_y.z,
+                   w = row_w.x * x + row_w.y * y + row_w.z;
+      const double from_centre = larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
+      lines.within[i] = from_centre < reach * w ? 1 : 0;
+      double exists = 1;
+      const auto nearest = [&](std::size_t c, Vec3 row, Vec3 along, double a, double a_along)
+          __attribute__((always_inline)) {
+        const double k = (smaller(larger(a * by_w, 0), cells) + kRounding) - kRounding;
+        const GridLine<double> line = grid_line(k, row.x, row.y, along.x, along.y, row_w.x, row_w.y, a, a_along, w);
+        const double inverse = 1 / (line.norm2 * line.foot_w);
+        lines.k[c][i] = k;
+        lines.squared[c][i] = line.e * line.e * line.foot_w * inverse;
+        const double foot = smaller(larger(line.foot_a * line.norm2 * inverse, -0.5), cells + 0.5);
+        lines.place[c][i] = ((foot - before) + kRounding) - kRounding + (((foot - behind) + kRounding) - kRounding);
+        exists = line.foot_w > 0 ? exists : 0;
+      };
+      nearest(0, row_x, row_y, a_x, a_y);
+      nearest(1, row_y, row_x, a_y, a_x);
+      lines.exists[i] = exists;
+    }
+}
+
+}  // namespace evmarker
