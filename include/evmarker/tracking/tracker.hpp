@@ -56,7 +56,7 @@ class Tracker {
   const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
   const PolarityFrame& polarity_frame() const noexcept { return core_.polarity_frame(); }
   /// The `MarkerTracker` of every marker that is being tracked.
-  auto markers() const noexcept { return core_.markers(); }
+  MarkerRange<Rule> markers() const noexcept { return core_.markers(); }
 
  private:
   template <typename Use>

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
-#include <ranges>
 #include <span>
 #include <utility>
 #include <vector>
@@ -21,6 +20,7 @@
 #include "evmarker/tracking/candidates.hpp"
 #include "evmarker/tracking/found_marker.hpp"
 #include "evmarker/tracking/look_schedule.hpp"
+#include "evmarker/tracking/marker_range.hpp"
 #include "evmarker/tracking/tracked_markers.hpp"
 #include "evmarker/tracking/tracker_settings.hpp"
 
@@ -191,10 +191,7 @@ class TrackerCore {
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
   /// The `MarkerTracker` of every marker that is being tracked.
-  auto markers() const noexcept {
-    return std::views::transform(
-        markers_.all(), [](const auto& marker) -> const auto& { return marker.tracker(); });
-  }
+  MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(markers_.all()); }
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
