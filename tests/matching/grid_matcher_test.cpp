@@ -19,9 +19,9 @@ using evmarker::CodeBits;
 using evmarker::Correspondence;
 using evmarker::Correspondences;
 using evmarker::EventGroup;
-using evmarker::kLanes;
 using evmarker::GridMatcher;
 using evmarker::GridMatches;
+using evmarker::kLanes;
 using evmarker::make_code_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
@@ -71,8 +71,7 @@ bool agree(const Correspondence& a, const Correspondence& b) {
 int near_in_groups = 0;  // answers of that kind
 
 // Whether the event, at a random place among others, gets the same answer, in lanes and with what it means in space.
-bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult result,
-                   const Correspondence& expected) {
+bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult result, const Correspondence& expected) {
   static Random random(3);
   const auto count = static_cast<std::size_t>(random.integer(1, EventGroup::kMost)),
              place = static_cast<std::size_t>(random.integer(0, static_cast<int>(count) - 1));
@@ -169,8 +168,8 @@ Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
               tally);
     }
   }
-  MESSAGE("events ", tally.events(), ", through the grid ", tally.on_grid, ": matched ", tally.matched,
-          ", ambiguous ", tally.ambiguous, ", near ", tally.near, ", far ", tally.far);
+  MESSAGE("events ", tally.events(), ", through the grid ", tally.on_grid, ": matched ", tally.matched, ", ambiguous ",
+          tally.ambiguous, ", near ", tally.near, ", far ", tally.far);
   return tally;
 }
 

@@ -158,7 +158,9 @@ class PoseGridSearch {
     constexpr int kAway = 1000000;
     if (!(P.z > 1e-6)) return {kAway, kAway};
     const Vec2 place = region_.place(focal_length_ / P.z * Vec2(P.x, P.y));
-    const auto cell = [](double x) { return static_cast<int>(std::max(-1.0 * kAway, std::min(std::floor(x), 1.0 * kAway))); };
+    const auto cell = [](double x) {
+      return static_cast<int>(std::max(-1.0 * kAway, std::min(std::floor(x), 1.0 * kAway)));
+    };
     return {cell(place.x), cell(place.y)};
   }
 

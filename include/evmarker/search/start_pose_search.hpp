@@ -57,8 +57,8 @@ class StartPoseSearch {
   /// @param focal_length [px]
   /// @param image the sensor, undistorted, from the principal point [px]
   /// @throws std::invalid_argument naming the setting that is out of range
-  StartPoseSearch(MarkerModel model, double focal_length, const Box& image,
-                  const Eigen::Isometry3d& T_rough, const StartPoseSearchSettings& settings)
+  StartPoseSearch(MarkerModel model, double focal_length, const Box& image, const Eigen::Isometry3d& T_rough,
+                  const StartPoseSearchSettings& settings)
       : settings_(settings), model_(std::move(model)), focal_length_(focal_length), image_(image) {
     validate(settings);
     restart(T_rough);
@@ -66,8 +66,8 @@ class StartPoseSearch {
 
   /// Searches around another pose, as far as the settings say.
   void restart(const Eigen::Isometry3d& T_rough) noexcept {
-    restart(T_rough, {settings_.reach_share * image_box(model_, focal_length_, T_rough).size(),
-                      settings_.depth_share, settings_.rotation_rad});
+    restart(T_rough, {settings_.reach_share * image_box(model_, focal_length_, T_rough).size(), settings_.depth_share,
+                      settings_.rotation_rad});
   }
 
   /// Searches around another pose, as far as is said. Does not allocate.

@@ -21,21 +21,17 @@ void for_each_visible_edge(const MarkerModel& model, double focal_length, const 
     const Vec3 from = model.vertices[static_cast<std::size_t>(edge.from)];
     const Vec3 to = model.vertices[static_cast<std::size_t>(edge.to)];
     const Vec3 a = transform(T_camera_marker, from), b = transform(T_camera_marker, to);
-    if (a.z > 1e-6 && b.z > 1e-6 && faces_camera(edge, a, T_camera_marker))
-      use(from, to, image(a), image(b));
+    if (a.z > 1e-6 && b.z > 1e-6 && faces_camera(edge, a, T_camera_marker)) use(from, to, image(a), image(b));
   }
 }
 
 /// The box around the visible edges [px from the principal point]; a point where there are none.
-inline Box image_box(const MarkerModel& model, double focal_length,
-                                     const Eigen::Isometry3d& T_camera_marker) noexcept {
+inline Box image_box(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker) noexcept {
   Box box;
-  for_each_visible_edge(
-      model, focal_length, T_camera_marker,
-      [&](Vec3, Vec3, Vec2 u, Vec2 v) {
-        box.extend(u);
-        box.extend(v);
-      });
+  for_each_visible_edge(model, focal_length, T_camera_marker, [&](Vec3, Vec3, Vec2 u, Vec2 v) {
+    box.extend(u);
+    box.extend(v);
+  });
   return box.empty() ? Box{{0, 0}, {0, 0}} : box;
 }
 

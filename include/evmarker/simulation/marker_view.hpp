@@ -13,7 +13,7 @@ namespace evmarker {
 /// Line of sight of a pixel and its change from pixel to pixel. In single precision, so that many fit the processor's
 /// cache: that moves a pixel by less than 1e-4 px, and always by the same.
 struct Sight {
-  float x = 0, y = 0;                                    ///< (X/Z, Y/Z)
+  float x = 0, y = 0;                                        ///< (X/Z, Y/Z)
   float x_per_x = 0, y_per_x = 0, x_per_y = 0, y_per_y = 0;  ///< its change to the next pixel in x, and in y
 
   Vec2 m() const noexcept { return {x, y}; }
@@ -26,7 +26,8 @@ struct Sight {
 /// How far [px] around a line of sight a fisheye lens shows a plane in one scale, to a tenth.
 /// @param focal_length [px]
 inline double fisheye_reach_px(const Sight& sight, double focal_length) {
-  const double tangent = static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y));  // the scale goes with 1 + tangent^2
+  const double tangent =
+      static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y));  // the scale goes with 1 + tangent^2
   return focal_length * 0.5 * (std::sqrt(tangent * tangent + 0.2) - tangent);
 }
 
@@ -52,7 +53,8 @@ class MarkerView {
 
     const double cell = length / print.cells();
     // One cell right, one cell down, top left corner of the black square.
-    const Vec3 right = cell * axis(T, 0), down = -cell * axis(T, 1), corner = transform(T, {-length / 2, length / 2, 0});
+    const Vec3 right = cell * axis(T, 0), down = -cell * axis(T, 1),
+               corner = transform(T, {-length / 2, length / 2, 0});
     const double inverse = 1 / dot(cross(down, corner), right);
     grid_ = {inverse * cross(down, corner), inverse * cross(corner, right), inverse * cross(right, down)};
 

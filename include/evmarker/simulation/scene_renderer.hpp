@@ -91,8 +91,8 @@ class SceneRenderer {
   // A circle on the plane z = 1 around the lines of sight of a tile.
   struct TileSight {
     Sight center;
-    double radius_px;        // infinite if the lens shows nothing to some pixel
-    Vec2 corner;             // the first pixel
+    double radius_px;  // infinite if the lens shows nothing to some pixel
+    Vec2 corner;       // the first pixel
   };
 
   static Scene checked(Scene scene) {
@@ -156,9 +156,8 @@ inline void SceneRenderer::compute_sights() {
     }
   for (std::size_t tile = 0; tile < grid_.tiles(); ++tile) {
     const Sight* const begin = &sights_[tile * TileGrid::kPixelsPerTile];
-    TileSight& view = tile_sights_.emplace_back(
-        TileSight{begin[0], 0,
-                  Vec2(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
+    TileSight& view = tile_sights_.emplace_back(TileSight{
+        begin[0], 0, Vec2(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
     for (std::size_t i = 0; i < TileGrid::kPixelsPerTile; ++i)
       if (grid_.on_sensor(tile * TileGrid::kPixelsPerTile + i)) {
         const float x = begin[i].x - view.center.x, y = begin[i].y - view.center.y;

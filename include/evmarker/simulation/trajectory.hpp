@@ -120,9 +120,8 @@ inline Trajectory handheld(const Handheld& sway = {}) {
     for (std::size_t axis = 0; axis < axes.size(); ++axis)
       for (const Sine& sine : axes[axis]) wave[axis] += sine.weight * std::sin(sine.rad_per_s * seconds + sine.phase);
     const Vec3 m = sway.amplitude_m, rad = sway.amplitude_rad;
-    return evmarker::detail::moved(
-        sway.T_center,
-        {{m.x * wave[0], m.y * wave[1], m.z * wave[2]}, {rad.x * wave[3], rad.y * wave[4], rad.z * wave[5]}});
+    return evmarker::detail::moved(sway.T_center, {{m.x * wave[0], m.y * wave[1], m.z * wave[2]},
+                                                   {rad.x * wave[3], rad.y * wave[4], rad.z * wave[5]}});
   };
 }
 

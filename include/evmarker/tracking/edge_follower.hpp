@@ -242,9 +242,7 @@ class EdgeFollower {
     added_together_ = GroupUpdateRule<Rule> && events >= kFewestTogether && !polarity_check_;
   }
 
-  Vec3 vertex(int number) const noexcept {
-    return matcher_.model().vertices[static_cast<std::size_t>(number)];
-  }
+  Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
   // How many events should be matched together: those after the last update at which the choices hold would have to be
   // matched again.
@@ -273,8 +271,7 @@ class EdgeFollower {
   }
 
   // What becomes of an event that has been matched on the grid.
-  [[gnu::always_inline]] Result take(Vec2 m, Timestamp t, double polarity,
-                                     const GridMatcher::Choice& choice) noexcept {
+  [[gnu::always_inline]] Result take(Vec2 m, Timestamp t, double polarity, const GridMatcher::Choice& choice) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
     if (choice.result != MatchResult::matched) {
       ++offered_;
@@ -369,7 +366,7 @@ class EdgeFollower {
   bool polarity_check_;
   double polarity_check_px_s_;
   bool reversed_ = false;
-  std::optional<Vec6> twist_;    // of the last update, for the polarity check
+  std::optional<Vec6> twist_;        // of the last update, for the polarity check
   std::vector<float> contradicted_;  // by segment: running share of the events that contradict its motion
 };
 

@@ -55,9 +55,7 @@ class FoundMarker {
   const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
   MarkerId id() const noexcept { return tracker_.id(); }
   /// See MarkerTracker::reach.
-  Box reach(double around = 0) const noexcept {
-    return rival_ ? Box::everywhere() : tracker_.reach(around);
-  }
+  Box reach(double around = 0) const noexcept { return rival_ ? Box::everywhere() : tracker_.reach(around); }
   /// See MarkerTracker::stays.
   bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
   /// Whether it has had no event for so long at time t, or has those of a time to come, before the camera was started

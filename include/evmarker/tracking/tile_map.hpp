@@ -87,11 +87,11 @@ class TileMap {
   }
 
   std::size_t columns_;
-  double margin_;                           // [tangent]
-  std::vector<Box> tiles_;  // lines of sight of their pixels
-  std::vector<Box> rows_;   // the same of whole rows of tiles
-  std::vector<std::uint64_t> markers_;      // of every tile, a bit each
-  std::vector<Box> areas_;  // of every marker
+  double margin_;                       // [tangent]
+  std::vector<Box> tiles_;              // lines of sight of their pixels
+  std::vector<Box> rows_;               // the same of whole rows of tiles
+  std::vector<std::uint64_t> markers_;  // of every tile, a bit each
+  std::vector<Box> areas_;              // of every marker
 };
 
 }  // namespace evmarker
