@@ -10,6 +10,7 @@ packages=(
   libcli11-dev                          # examples
   libopencv-highgui-dev libopencv-videoio-dev # examples: windows, videos
   doctest-dev libbenchmark-dev          # tests, benchmarks
+  clang                                 # tests: it compiles all that is public, too
   libapriltag-dev                       # one of the methods that evmarker_accuracy compares
   gnuplot-nox                           # plots
 )
