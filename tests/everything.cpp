@@ -62,6 +62,7 @@
 #include "evmarker/model/information.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/model/wireframe.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"

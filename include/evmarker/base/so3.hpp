@@ -1,5 +1,5 @@
 #pragma once
-// Rotations: skew matrices, exponential and logarithm, roll/pitch/yaw.
+// Rotations: exponential and logarithm, roll/pitch/yaw, small turns in place.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -27,14 +27,14 @@ inline RodriguesCoefficients rodrigues(double angle2) {
 
 }  // namespace detail
 
-/// The product of two matrices. As Eigen's, but not made anew for every kind of expression.
+/// `A * B`, compiled once: Eigen makes a type of every expression that it is part of.
 inline Eigen::Matrix3d product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
   Eigen::Matrix3d C;
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < 3; ++i) C(i, k) = A(i, 0) * B(0, k) + A(i, 1) * B(1, k) + A(i, 2) * B(2, k);
   return C;
 }
-/// The same of the first one transposed.
+/// `A.transpose() * B`, likewise.
 inline Eigen::Matrix3d transposed_product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
   Eigen::Matrix3d C;
   for (int k = 0; k < 3; ++k)
@@ -89,8 +89,8 @@ inline bool is_rotation(const Eigen::Matrix3d& R) {
   return dot(cross(x, y), z) > 0;
 }
 
-// Both in place and by columns: through other matrices, numbers would be read in pairs that were not written as pairs,
-// and wait until they have left for memory.
+// Both work in place, column by column. Through a matrix in between, the processor would load pairs of numbers that
+// were stored one by one, and such a load waits until the stores have reached the cache.
 
 /// Turns a frame about its own origin: R becomes so3_exp(r) R.
 inline void turn(Eigen::Isometry3d& T, Vec3 r) noexcept {

@@ -84,15 +84,6 @@ inline bool is_finite(const Eigen::Isometry3d& T) noexcept {
   return true;
 }
 
-/// Where a point is seen on the plane z = 1.
-constexpr Vec2 on_plane(Vec3 point) noexcept { return {point.x / point.z, point.y / point.z}; }
-
-/// How far a point's image moves along a unit normal, by the point [px/m]: the derivative of the projection.
-constexpr Vec3 image_gradient(Vec2 normal, Vec3 point, double focal_length) noexcept {
-  const double inverse_z = 1 / point.z, scale = focal_length * inverse_z;
-  return {scale * normal.x, scale * normal.y, -scale * inverse_z * (normal.x * point.x + normal.y * point.y)};
-}
-
 inline Vec3 translation(const Eigen::Isometry3d& T) noexcept { return {T(0, 3), T(1, 3), T(2, 3)}; }
 inline void set_translation(Eigen::Isometry3d& T, Vec3 t) noexcept {
   T(0, 3) = t.x;

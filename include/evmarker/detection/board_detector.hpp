@@ -18,6 +18,7 @@
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/camera.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

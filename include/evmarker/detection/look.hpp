@@ -8,6 +8,7 @@
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/detection.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

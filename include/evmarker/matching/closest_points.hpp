@@ -5,7 +5,7 @@
 
 namespace evmarker {
 
-/// Eq. (1): how far a line of sight (m; 1) is from the image of an edge, in tangents, positive along the line's normal.
+/// Eq. (1): how far a point m of the image is from the image of an edge, in the units of m, positive along the normal.
 /// @param line (n; c), the points of the image with n m + c = 0, |n| = 1
 [[gnu::always_inline]] constexpr double line_distance(Vec3 line, Vec2 m) noexcept {
   return line.x * m.x + line.y * m.y + line.z;

@@ -7,6 +7,7 @@
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/matching/grid_edges.hpp"
 #include "evmarker/matching/projected_grid.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

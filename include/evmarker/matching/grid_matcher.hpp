@@ -12,6 +12,7 @@
 #include "evmarker/matching/nearest_lines.hpp"
 #include "evmarker/matching/projected_grid.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
 
 namespace evmarker {

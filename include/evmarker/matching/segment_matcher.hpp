@@ -11,6 +11,7 @@
 #include "evmarker/matching/closest_points.hpp"
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 
@@ -134,7 +135,7 @@ class SegmentMatcher {
     return nearest;
   }
 
-  Vec2 image(Vec3 P) const noexcept { return focal_length_ / P.z * Vec2(P.x, P.y); }
+  Vec2 image(Vec3 P) const noexcept { return image_point(P, focal_length_); }
 
   ProjectedSegment project(const MarkerSegment& edge, const Eigen::Isometry3d& T_camera_marker) const noexcept {
     ProjectedSegment s;

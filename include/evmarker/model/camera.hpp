@@ -11,8 +11,8 @@
 #include <variant>
 
 #include "evmarker/base/require.hpp"
-#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

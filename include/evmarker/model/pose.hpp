@@ -6,8 +6,8 @@
 #include <limits>
 #include <optional>
 
-#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

@@ -10,6 +10,7 @@
 
 #include "evmarker/base/box.hpp"
 #include "evmarker/model/camera.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 

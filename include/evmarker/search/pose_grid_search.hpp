@@ -7,6 +7,7 @@
 #include <span>
 
 #include "evmarker/base/so3.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/search/cell_region.hpp"
 #include "evmarker/search/distinct_best.hpp"
 #include "evmarker/search/edge_evidence.hpp"
@@ -157,7 +158,7 @@ class PoseGridSearch {
   Cell cell_of(Vec3 P) const noexcept {
     constexpr int kAway = 1000000;
     if (!(P.z > 1e-6)) return {kAway, kAway};
-    const Vec2 place = region_.place(focal_length_ / P.z * Vec2(P.x, P.y));
+    const Vec2 place = region_.place(image_point(P, focal_length_));
     const auto cell = [](double x) {
       return static_cast<int>(std::max(-1.0 * kAway, std::min(std::floor(x), 1.0 * kAway)));
     };

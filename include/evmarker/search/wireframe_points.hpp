@@ -8,6 +8,7 @@
 
 #include "evmarker/base/box.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 
@@ -16,7 +17,7 @@ namespace evmarker {
 template <typename Use>
 void for_each_visible_edge(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                            const Use& use) noexcept {
-  const auto image = [&](Vec3 P) { return focal_length / P.z * Vec2(P.x, P.y); };
+  const auto image = [&](Vec3 P) { return image_point(P, focal_length); };
   for (const MarkerSegment& edge : model.segments) {
     const Vec3 from = model.vertices[static_cast<std::size_t>(edge.from)];
     const Vec3 to = model.vertices[static_cast<std::size_t>(edge.to)];

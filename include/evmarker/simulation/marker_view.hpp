@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "evmarker/base/vector.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
 
 namespace evmarker {

@@ -9,6 +9,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/events/event_history.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
 
@@ -53,9 +54,7 @@ struct BacktrackError {
 /// times; the angle differences are wrapped, which it does not say.
 inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Eigen::Isometry3d& backward,
                                       double focal_length) noexcept {
-  const auto centre = [&](const Eigen::Isometry3d& T) {
-    return focal_length / translation(T).z * Vec2(translation(T).x, translation(T).y);
-  };
+  const auto centre = [&](const Eigen::Isometry3d& T) { return image_point(translation(T), focal_length); };
   const Vec2 moved = centre(forward) - centre(backward);
   const Vec3 turned = Vec3(roll_pitch_yaw(forward.linear())) - Vec3(roll_pitch_yaw(backward.linear()));
   return {std::abs(moved.x) + std::abs(moved.y),

@@ -15,6 +15,7 @@
 
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/model/wireframe.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"

@@ -73,13 +73,14 @@ class DecoupledUpdate {
   /// @param share of the events that tells of the marker; 0 at rest
   void expect_signal(double share) noexcept { signal_ = settings_.rest ? share : 1; }
 
+  /// Lets one event into the running averages.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Terms of_event = terms({c.M.x(), c.M.y()}, c.E, c.F, c.gradient, c.dark_side_known ? c.polarity : 0,
                                  translation(T_camera_marker));
     for (std::size_t k = 0; k < kTerms; ++k) means_[k] += weight_ * (of_event[k] - means_[k]);
   }
 
-  /// Batch version: those before them fade, and they by those after them.
+  /// Batch version: earlier events fade with every later one.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const std::size_t n = c.count;
     const double kept = summing_ ? kept_[n] : 0;

@@ -57,6 +57,7 @@ class KalmanUpdate {
     scales_share_ = 1 - std::pow(0.99, events);
   }
 
+  /// Adds the measurement of one event.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
     const Measurement of_event = measurement(c.gradient, lever, c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
