@@ -19,15 +19,15 @@ class AprilTag {
     apriltag_detector_add_family(detector_.get(), family_.get());
   }
 
-  std::vector<FoundMarker> find(const cv::Mat& image) const {
+  std::vector<PlanarHypotheses> find(const cv::Mat& image) const {
     image_u8_t view{image.cols, image.rows, static_cast<std::int32_t>(image.step[0]), image.data};
     const std::unique_ptr<zarray_t, decltype(&apriltag_detections_destroy)> detections(
         apriltag_detector_detect(detector_.get(), &view), &apriltag_detections_destroy);
-    std::vector<FoundMarker> found;
+    std::vector<PlanarHypotheses> found;
     for (int i = 0; i < zarray_size(detections.get()); ++i) {
       apriltag_detection_t* detection = nullptr;
       zarray_get(detections.get(), i, &detection);
-      FoundMarker marker{detection->id, {}};
+      PlanarHypotheses marker{detection->id, {}};
       // Its corners run the other way round, OpenCV prints the family upside down, and its pixel (0, 0) has its centre
       // at (0.5, 0.5).
       for (std::size_t corner = 0; corner < 4; ++corner) {

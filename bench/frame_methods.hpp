@@ -22,7 +22,7 @@
 namespace evmarker::bench {
 
 /// Corners of a marker in the (distorted) image, from its top left clockwise.
-struct FoundMarker {
+struct PlanarHypotheses {
   MarkerId id;
   std::array<cv::Point2d, 4> corners;
 };
@@ -57,11 +57,11 @@ class Aruco {
     parameters_.cornerRefinementMethod = cv::aruco::CORNER_REFINE_SUBPIX;
   }
 
-  std::vector<FoundMarker> find(const cv::Mat& image) const {
+  std::vector<PlanarHypotheses> find(const cv::Mat& image) const {
     std::vector<std::vector<cv::Point2f>> corners;
     std::vector<int> ids;
     opencv::detail::detect_markers(image, dictionary_, parameters_, corners, ids);
-    std::vector<FoundMarker> found;
+    std::vector<PlanarHypotheses> found;
     for (std::size_t i = 0; i < ids.size(); ++i)
       found.push_back({ids[i], {corners[i][0], corners[i][1], corners[i][2], corners[i][3]}});
     return found;
@@ -72,8 +72,8 @@ class Aruco {
   cv::aruco::DetectorParameters parameters_;
 };
 
-inline void add_found(Run& run, const Situation& situation, Timestamp t, const std::vector<FoundMarker>& found) {
-  for (const FoundMarker& marker : found)
+inline void add_found(Run& run, const Situation& situation, Timestamp t, const std::vector<PlanarHypotheses>& found) {
+  for (const PlanarHypotheses& marker : found)
     if (const auto T = solve_square(situation.camera, situation.marker_length(), marker.corners)) {
       PoseEstimate pose;
       pose.id = marker.id;

@@ -11,7 +11,7 @@
 #include "evmarker/base/so3.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/model/information.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "scenarios.hpp"
 
 namespace evmarker::bench {

@@ -6,8 +6,8 @@
 #include "evmarker/base/vector.hpp"
 #include "evmarker/detection/board_check.hpp"
 #include "evmarker/detection/board_detector.hpp"
-#include "evmarker/detection/detection.hpp"
-#include "evmarker/detection/look.hpp"
+#include "evmarker/detection/detection_request.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/events/background_activity.hpp"
 #include "evmarker/events/event.hpp"
@@ -61,7 +61,7 @@
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/information.hpp"
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/projection.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/model/wireframe.hpp"
@@ -104,19 +104,19 @@
 #include "evmarker/simulation/trajectory.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/by_time.hpp"
-#include "evmarker/tracking/candidates.hpp"
+#include "evmarker/tracking/confirmed_markers.hpp"
+#include "evmarker/tracking/detection_schedule.hpp"
 #include "evmarker/tracking/edge_activity.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
-#include "evmarker/tracking/found_marker.hpp"
-#include "evmarker/tracking/look_schedule.hpp"
 #include "evmarker/tracking/marker_range.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/tracking/marker_tracker_settings.hpp"
-#include "evmarker/tracking/paper.hpp"
+#include "evmarker/tracking/occlusion.hpp"
+#include "evmarker/tracking/planar_hypotheses.hpp"
 #include "evmarker/tracking/pose_comparison.hpp"
+#include "evmarker/tracking/tentative_markers.hpp"
 #include "evmarker/tracking/tile_map.hpp"
 #include "evmarker/tracking/track_health.hpp"
-#include "evmarker/tracking/tracked_markers.hpp"
 #include "evmarker/tracking/tracker.hpp"
 #include "evmarker/tracking/tracker_core.hpp"
 #include "evmarker/tracking/tracker_settings.hpp"
@@ -127,9 +127,9 @@
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
 #include "evmarker/update/kalman_update.hpp"
-#include "evmarker/update/measurement_update.hpp"
 #include "evmarker/update/motion_model.hpp"
-#include "evmarker/update/pose_update.hpp"
+#include "evmarker/update/sequential_update.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
 
@@ -140,8 +140,8 @@ template class Verification<DecoupledUpdate>;
 template class EdgeFollower<KalmanUpdate>;
 template class MarkerTracker<KalmanUpdate>;
 template class MarkerTracker<DecoupledUpdate>;
-template class FoundMarker<KalmanUpdate>;
-template class FoundMarker<DecoupledUpdate>;
+template class PlanarHypotheses<KalmanUpdate>;
+template class PlanarHypotheses<DecoupledUpdate>;
 template class WireframeTracker<KalmanUpdate>;
 template class WireframeTracker<DecoupledUpdate>;
 template class TrackerCore<KalmanUpdate>;

@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/simulation/simulator.hpp"

@@ -9,7 +9,7 @@
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/model/wireframe.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"

@@ -21,7 +21,6 @@ using evmarker::Correspondences;
 using evmarker::EventGroup;
 using evmarker::GridMatcher;
 using evmarker::GridMatches;
-using evmarker::kLanes;
 using evmarker::make_code_marker;
 using evmarker::make_square_marker;
 using evmarker::MarkerModel;
@@ -31,6 +30,7 @@ using evmarker::SegmentMatcher;
 using evmarker::SegmentMatcherSettings;
 using evmarker::Timestamp;
 using evmarker::UndistortionTable;
+namespace simd = evmarker::simd;
 
 namespace {
 
@@ -94,7 +94,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   if (result != MatchResult::matched) return stretch == GridMatcher::Choices::kUnsure;
 
   GridMatches matches;
-  matches.count = static_cast<std::size_t>(random.integer(1, kLanes));
+  matches.count = static_cast<std::size_t>(random.integer(1, simd::kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
   matches.set(lane, m.x(), m.y(), 7, -1, *careful.edge);
   Correspondences c;
@@ -107,7 +107,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   found.E = {c.E_x[lane], c.E_y[lane], c.E_z[lane]};
   found.gradient = {c.g_x[lane], c.g_y[lane], c.g_z[lane]};
   return agree(found, expected) && c.t[lane] == 7 && c.polarity[lane] == -1 && c.is_event[lane] == 1 &&
-         c.count == matches.count && evmarker::sum(c.is_event) == static_cast<double>(c.count);
+         c.count == matches.count && simd::sum(c.is_event) == static_cast<double>(c.count);
 }
 
 void compare(const GridMatcher& grid, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {

@@ -40,13 +40,13 @@ struct Sketch {
   PinholeCamera camera = simulated::camera;
   MarkerModel model = kModel;
   Eigen::Isometry3d T = facing_pose({0, 0, 0.6}, {0.2, 0.1, 0.2});
-  double speed_px_s = 100, direction_rad = 0.7, duration_s = 0.1, per_px = 9, noise_hz = 1;
+  double speed_px_per_s = 100, direction_rad = 0.7, duration_s = 0.1, per_px = 9, noise_hz = 1;
   double rest_s = 0;  // before it moves
 
   double focal_length() const { return camera.focal_length(); }
   Eigen::Isometry3d pose(double t) const {
     Eigen::Isometry3d moved = T;
-    const double way = speed_px_s * T.translation().z() / focal_length() * std::max(0.0, t - rest_s);
+    const double way = speed_px_per_s * T.translation().z() / focal_length() * std::max(0.0, t - rest_s);
     moved.translation() += way * Eigen::Vector3d(std::cos(direction_rad), std::sin(direction_rad), 0);
     return moved;
   }
@@ -61,7 +61,7 @@ struct Sketch {
     std::uniform_real_distribution<double> share;
     std::vector<Event> events;
     const SensorSize size = camera.sensor_size();
-    const double step_s = std::min(1e-3, 0.1 / speed_px_s);
+    const double step_s = std::min(1e-3, 0.1 / speed_px_per_s);
     const auto add = [&](const Eigen::Vector2d& u, double t) {
       const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
       if (size.contains(x, y))
@@ -177,8 +177,8 @@ TEST_CASE("starts 15 mm to a side, 45 mm in depth and 5 degrees off at 0.6 m are
 TEST_CASE("a wireframe is found whatever its size, speed, sensor and noise") {
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
   check_found("90 px", {}, 0.003, 2.5);
-  check_found("10000 px/s", {.speed_px_s = 10000, .duration_s = 0.003}, 0.0001, 2.5);
-  check_found("2 px/s", {.speed_px_s = 2, .duration_s = 1, .per_px = 5, .noise_hz = 0.1}, 0.15, 2.5);
+  check_found("10000 px/s", {.speed_px_per_s = 10000, .duration_s = 0.003}, 0.0001, 2.5);
+  check_found("2 px/s", {.speed_px_per_s = 2, .duration_s = 1, .per_px = 5, .noise_hz = 0.1}, 0.15, 2.5);
   check_found("half of the edges silent", {.direction_rad = 0.2}, 0.004, 2.5);
   const Eigen::Isometry3d far = facing_pose({0.1, 0, 1.78}, {0.2, 0.1, 0.2});
   check_found("30 px", {.model = square, .T = far}, 0.01, 2.5);
@@ -191,7 +191,7 @@ TEST_CASE("a wireframe is found whatever its size, speed, sensor and noise") {
 TEST_CASE("a wireframe that moves by 2 px/s is found among 20 Hz of noise in every pixel") {
   for (const double noise_hz : {10.0, 20.0}) {
     const PinholeCamera small({240, 240}, 533, 533, 119.5, 119.5);
-    check_found("2 px/s and noise", {.camera = small, .speed_px_s = 2, .duration_s = 1, .noise_hz = noise_hz}, 0.5,
+    check_found("2 px/s and noise", {.camera = small, .speed_px_per_s = 2, .duration_s = 1, .noise_hz = noise_hz}, 0.5,
                 2.5);
   }
 }

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstddef>
 
-using evmarker::in_wide_vectors;
+namespace simd = evmarker::simd;
 
 namespace {
 
@@ -23,7 +23,7 @@ TEST_CASE("whatever the processor has, the loops give the same to rounding") {
   for (std::size_t i = 0; i < x.size(); ++i) x[i] = std::sqrt(static_cast<double>(i));
   polynomial(x, expected);
   wide.fill(-1);
-  in_wide_vectors([&]() __attribute__((always_inline)) { polynomial(x, wide); });
+  simd::in_wide_vectors([&]() __attribute__((always_inline)) { polynomial(x, wide); });
   for (std::size_t i = 0; i < x.size(); ++i) {
     CAPTURE(i);
     CHECK(wide[i] == doctest::Approx(expected[i]).epsilon(1e-14));
@@ -32,7 +32,7 @@ TEST_CASE("whatever the processor has, the loops give the same to rounding") {
 
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
 TEST_CASE("every width that the processor has gives the same to rounding") {
-  namespace detail = evmarker::detail;
+  namespace detail = evmarker::simd::detail;
   MESSAGE("vectors of " << detail::kVectorBits << " bits");
   const bool known = detail::kVectorBits == 128 || detail::kVectorBits == 256 || detail::kVectorBits == 512;
   CHECK(known);

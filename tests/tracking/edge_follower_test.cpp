@@ -472,8 +472,8 @@ TEST_CASE("polarity is not checked where nothing sure is known, nor if it is not
   CHECK_FALSE(takes_both(moving_edge(kIntoTheDark)));
   CHECK(takes_both(moving_edge(Vector6d::Zero())));
   CHECK(takes_both(moving_edge(kIntoTheDark, {})));
-  CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_s = 251})));
-  CHECK_FALSE(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_s = 249})));
+  CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_per_s = 251})));
+  CHECK_FALSE(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_per_s = 249})));
   CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true},
                                {{{-0.1, 0, 0}, {0.1, 0, 0}}, {{0, 1}}})));  // dark side unknown
   CHECK(takes_both(moving_edge(Vector6d::Constant(std::numeric_limits<double>::quiet_NaN()))));
@@ -587,8 +587,8 @@ TEST_CASE("events of the wrong polarity on a moving edge do not drag it along") 
 
 TEST_CASE("a threshold of the polarity check that is no speed is refused") {
   for (const double value : {-1.0, std::numeric_limits<double>::quiet_NaN()})
-    CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.polarity_check_px_s = value}),
-                         doctest::Contains("polarity_check_px_s is "), std::invalid_argument);
+    CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.polarity_check_px_per_s = value}),
+                         doctest::Contains("polarity_check_px_per_s is "), std::invalid_argument);
 }
 
 TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lead to one by one, bit for bit", Rule,

@@ -283,10 +283,10 @@ TEST_CASE("a detection that leaves no doubt refutes what was found at another ti
   MarkerDetection detection{.id = 3, .T_camera_marker = T};
   const auto sighting = [&](const MarkerDetection& seen, const PlacedMarker& tracked) {
     Detector detector{seen};
-    const Look look{0, 0, 500, {tracked}, {}};
-    const Findings findings = answer(detector, PolarityFrame(simulated::camera.sensor_size()), look);
-    REQUIRE(findings.sightings.size() == 1);
-    return findings.sightings[0];
+    const DetectionRequest request{0, 0, 500, {tracked}, {}};
+    const DetectionResult result = detect(detector, PolarityFrame(simulated::camera.sensor_size()), request);
+    REQUIRE(result.sightings.size() == 1);
+    return result.sightings[0];
   };
   CHECK(sighting(detection, {3, tilted(0)}) == Sighting::there);
   CHECK(sighting(detection, {3, tilted(0.2)}) == Sighting::there);  // it may be the detection that errs
@@ -330,20 +330,24 @@ TEST_CASE("after missing events, what was found before them is not followed") {
     TrackerSettings<> settings{.detection_latency = 15ms, .detections_to_confirm = 1};
     TrackerCore<> core(simulated::camera, settings, SpatiotemporalFilter(simulated::camera.sensor_size()));
     const KnowingDetector detector{motion};
-    std::optional<Findings> findings;  // of the first look, 5 ms before events are missing
+    std::optional<DetectionResult> result;  // of the first detection, 5 ms before events are missing
     bool skipped = false;
+    const auto use = [](const PoseEstimate&) {};
     for (const Event& event : events) {
       if (event.t >= kFrom && event.t < kFrom + missing) continue;
-      if (event.t >= kFrom && !std::exchange(skipped, true)) core.skip_to(event.t);
+      if (event.t >= kFrom && !std::exchange(skipped, true)) core.skip_to(event.t, use);
       bool supported = false;
-      core.push(event, [&](const Event&) { supported = true; });
+      const auto stop = [&](const Event&) { return supported = true; };
+      while (core.push(std::span(&event, 1), stop, use) == 0) {
+      }
       if (!supported) continue;
-      if (!findings && event.t > kFrom - 5000) findings = answer(detector, core.polarity_frame(), core.look(event.t));
-      if (findings && core.answer_awaited() && core.answer_due(event.t)) core.take(*findings);
+      if (!result && event.t > kFrom - 5000)
+        result = detect(detector, core.polarity_frame(), core.request_detection(event.t));
+      if (result && core.result_pending() && core.result_due(event.t)) core.register_markers(*result, use);
     }
-    REQUIRE(findings);
-    REQUIRE(findings->found.size() == 1);
-    CHECK(!core.answer_awaited());
+    REQUIRE(result);
+    REQUIRE(result->markers.size() == 1);
+    CHECK(!core.result_pending());
     CHECK(core.statistics().registered == (missing < 1000 ? 1 : 0));
   }
 }
@@ -430,8 +434,8 @@ TEST_CASE("a marker that another one covers in part is followed by its own edges
       for (int i = 0; i < kPoints * kPoints; ++i) {
         const Eigen::Vector3d on_marker(kHalf * (i % kPoints - 10) / 10.0, kHalf * (i / kPoints - 10) / 10.0, 0);
         const Eigen::Vector3d point = T_paper_camera * (behind(s) * on_marker), eye = T_paper_camera.translation();
-        const Eigen::Vector3d on_paper = eye + eye.z() / (eye.z() - point.z()) * (point - eye);
-        covered += point.z() < 0 && on_paper.head<2>().cwiseAbs().maxCoeff() < kHalfPaper;
+        const Eigen::Vector3d on_sheet = eye + eye.z() / (eye.z() - point.z()) * (point - eye);
+        covered += point.z() < 0 && on_sheet.head<2>().cwiseAbs().maxCoeff() < kHalfPaper;
       }
       return covered / static_cast<double>(kPoints * kPoints);
     };

@@ -10,6 +10,7 @@ using evmarker::ErrorCovariance;
 using evmarker::Matrix12d;
 using evmarker::MotionStep;
 using evmarker::Vector12d;
+namespace simd = evmarker::simd;
 
 TEST_CASE("time that passes makes the textbook's covariance, in vectors of any width") {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
@@ -38,7 +39,7 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
 
     ErrorCovariance narrow = before, wide = before;
     narrow.predict<128>(motion, q);
-    evmarker::in_packs([&](auto bits) __attribute__((always_inline)) { wide.predict<bits>(motion, q); });
+    evmarker::simd::in_packs([&](auto bits) __attribute__((always_inline)) { wide.predict<bits>(motion, q); });
     for (const ErrorCovariance& P : {narrow, wide}) {
       CHECK((P.xx - expected).norm() < 1e-13 * expected.norm());
       for (std::size_t b = 0; b < evmarker::kBiases; ++b)

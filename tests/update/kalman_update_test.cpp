@@ -316,9 +316,9 @@ std::vector<PolarSight> trailing_events(Timestamp end, double offset_px, double 
     const Vector3d point = (1 - place) * kCode.vertices[static_cast<std::size_t>(segment.from)] +
                            place * kCode.vertices[static_cast<std::size_t>(segment.to)];
     const Vector2d now = image(swaying(seconds) * point);
-    const double speed_px_s = 1e6 * edge.normal.dot(now - image(swaying(seconds - 1e-6) * point));
-    if (std::abs(speed_px_s) < 1500 * unit(random)) continue;
-    const double polarity = speed_px_s > 0 ? 1 : -1;
+    const double speed_px_per_s = 1e6 * edge.normal.dot(now - image(swaying(seconds - 1e-6) * point));
+    if (std::abs(speed_px_per_s) < 1500 * unit(random)) continue;
+    const double polarity = speed_px_per_s > 0 ? 1 : -1;
     events.push_back({(now + (offset_px - polarity * trail_px) * edge.normal) / kFocal, t, polarity});
   }
   return events;

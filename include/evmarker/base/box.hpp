@@ -28,7 +28,7 @@ struct Box {
     low = {std::min(low.x, point.x), std::min(low.y, point.y)};
     high = {std::max(high.x, point.x), std::max(high.y, point.y)};
   }
-  /// The box that is larger by so much on every side.
+  /// The box that is larger by `margin` on every side.
   Box widened(double margin) const noexcept {
     return {{low.x - margin, low.y - margin}, {high.x + margin, high.y + margin}};
   }

@@ -79,7 +79,7 @@ inline Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
 /// An angle [rad] moved by whole turns into [-pi, pi].
 inline double wrap_angle(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
-/// Whether a matrix is a rotation to within rounding, not a mirrored, scaled or skewed one.
+/// True if a matrix is a rotation to within rounding, not mirrored, scaled or skewed.
 inline bool is_rotation(const Eigen::Matrix3d& R) {
   constexpr double kTolerance = 1e-6;
   const Eigen::Matrix3d square = transposed_product(R, R);

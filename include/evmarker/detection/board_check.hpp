@@ -1,11 +1,11 @@
 #pragma once
-// Whether a board's markers are where its file says.
+// Are a board's markers where its file says?
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstdio>
 #include <string>
 
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 
@@ -27,8 +27,8 @@ struct BoardContradiction {
   }
 };
 
-/// Weighs the looks in which at least two markers of a board were seen: one that contradicts the file against one that
-/// agrees with it. A board is refused when `kEnough` more have contradicted. If of a right board's looks a share p
+/// Weighs the frames in which at least two markers of a board were seen: one that contradicts the file against one that
+/// agrees with it. A board is refused when `kEnough` more have contradicted. If of a right board's frames a share p
 /// contradicts by mistake, it is ever refused with probability (p / (1 - p))^kEnough: 1.5e-4 at 5 %.
 class BoardCheck {
  public:
@@ -43,7 +43,7 @@ class BoardCheck {
 
   /// Not to be tracked.
   bool refused() const noexcept { return refused_; }
-  /// The last look with at least two markers contradicted: one marker alone is no ground to track the board.
+  /// The last frame with at least two markers contradicted: one marker alone is no ground to track the board.
   bool doubtful() const noexcept { return doubtful_; }
 
  private:

@@ -14,7 +14,7 @@
 #include "evmarker/base/box.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/board_check.hpp"
-#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/camera.hpp"
@@ -24,7 +24,7 @@ namespace evmarker {
 
 /// A `MarkerDetector` that makes one detection of a board from the markers of it that another detector finds, and
 /// passes on the markers that are on no board. Any marker of a board will do; of several the pose is fitted to the
-/// corners of all, which also tells the two poses of a planar marker apart. A board whose markers are seen at other
+/// corners of all, which also decides between the two poses of a planar marker. A board whose markers are seen at other
 /// places than its file says is not found, see `BoardCheck`. One marker alone cannot contradict the file: it will do
 /// until others are seen, but not after they have contradicted.
 template <MarkerDetector Detector>
@@ -90,8 +90,9 @@ class BoardDetector {
     double cost_px = 0;  // root mean square, far ones limited
   };
   static constexpr double kOutlier_px = 4;
-  static constexpr double kSamePose = 0.03;            // [rad]: two starts led to one pose
-  static constexpr double kMaxAlternativeRatio = 2.0;  // the other pose is told if it fits at most so much worse
+  static constexpr double kSamePose = 0.03;  // [rad]: two starts led to one pose
+  static constexpr double kMaxAlternativeRatio =
+      2.0;  // the other pose is reported if its error is at most so many times larger
 
   static void require_apart(const Board& a, const Board& b) {
     if (a.id == b.id) throw std::invalid_argument("board " + std::to_string(a.id) + " is there twice");
@@ -196,7 +197,7 @@ class BoardDetector {
       }
   }
 
-  // Whether the markers that were seen are where a pose of the board puts them; remembered for the looks to come.
+  // True if the markers that were seen are where a pose of the board puts them; remembered for later frames.
   bool believable(Target& target, const std::vector<Sighting>& sightings, const Eigen::Isometry3d& T) const {
     if (sightings.size() < 2) return !target.check.refused() && !target.check.doubtful();
     const bool refused = target.check.refused();

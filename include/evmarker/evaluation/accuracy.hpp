@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "evmarker/base/so3.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 

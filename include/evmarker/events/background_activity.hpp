@@ -25,7 +25,7 @@ class BackgroundActivity {
  public:
   explicit BackgroundActivity(double pixels) noexcept : hz_per_px_of_one_(1e6 / pixels) {}
 
-  /// Adds one event in so many, in order of arrival.
+  /// Adds a sample: an event now and then, in order of arrival.
   /// @param age_us time since the last event there or beside it
   /// @return after how many events the next one is to be added: about one in 0.2 ms is enough
   std::uint64_t add(std::uint64_t age_us, Timestamp t) noexcept {
@@ -33,7 +33,7 @@ class BackgroundActivity {
     const std::uint64_t passed_us = t > last_t_ && samples_ > 0 ? std::min(elapsed_us(last_t_, t), kLongest_us) : 0;
     observed_us_ += static_cast<double>(passed_us);
     last_t_ = t;
-    // Nobody knows of events before the first one.
+    // Events before the first one are unknown.
     const std::uint64_t known_us = std::min({age_us, static_cast<std::uint64_t>(observed_us_), kOldest_us});
     by_age_[static_cast<std::size_t>(std::bit_width(known_us / kYoungest_us))] += static_cast<double>(per_sample_);
     if (++samples_ % kSamplesPerEstimate == 0 && observed_us_ > 0) estimate();
@@ -47,18 +47,18 @@ class BackgroundActivity {
   /// As of the last events; 1 Hz/px before there were any.
   double hz_per_px() const noexcept { return hz_per_px_; }
 
-  /// After so many events the first one is to be added.
+  /// Number of events before the first sample.
   static constexpr std::uint64_t kEventsAtFirst = 32;
 
  private:
-  static constexpr std::uint64_t kYoungest_us = 64, kOldest_us = kYoungest_us << 10;  // ages that are told apart
+  static constexpr std::uint64_t kYoungest_us = 64, kOldest_us = kYoungest_us << 10;  // ages that are distinguished
   static constexpr std::size_t kAges = 12;
   static constexpr std::uint64_t kSamplesPerEstimate = 16;
   static constexpr std::uint64_t kEnough_us = 200;              // between two samples
   static constexpr std::uint64_t kMostPerSample = 1024;         // events
   static constexpr std::uint64_t kLongest_us = 1000000;         // between two samples
   static constexpr double kPrior = 1, kPriorSamples = 16;       // [Hz/px], and what that is worth
-  static constexpr double kMemory_us = 200000, kMemory = 1024;  // at least so long, and so many samples
+  static constexpr double kMemory_us = 200000, kMemory = 1024;  // [us], and samples: the longer of both
 
   void estimate() noexcept {
     // Of events at an age over `age_us`, in the time in which that could be known. One sample more: there may be some

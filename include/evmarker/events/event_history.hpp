@@ -41,7 +41,7 @@ class EventHistory {
   /// How many events were ever pushed: a position in the stream to come back to.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
-  /// Whether every event pushed since `pushed()` was `position` is still kept.
+  /// True if every event pushed since `pushed()` was `position` is still kept.
   bool reaches(std::uint64_t position) const noexcept { return position >= pushed_ - size(); }
 
   /// The event that was pushed when `pushed()` was `position`, if it is still kept.

@@ -1,6 +1,8 @@
 #pragma once
 // Where events come from and what lets them through: the concepts at the library's entrance.
+#include <array>
 #include <concepts>
+#include <cstddef>
 #include <ranges>
 #include <span>
 
@@ -34,6 +36,26 @@ template <EventSource Source, std::invocable<const typename Source::event_type&>
 void for_each_event(Source& source, Use&& use) {
   for (auto batch = source.next_batch(); !std::ranges::empty(batch); batch = source.next_batch())
     for (const auto& event : batch) use(event);
+}
+
+/// Calls `use(block)` with spans of `Event` that together are all events of a range, in order. Blocks of a few hundred,
+/// copied; a range that is a span of `Event` is one block.
+template <std::ranges::input_range Events, std::invocable<std::span<const Event>> Use>
+requires EventLike<std::ranges::range_value_t<Events>>
+void for_each_block(const Events& events, const Use& use) {
+  if constexpr (std::ranges::contiguous_range<Events> && std::same_as<std::ranges::range_value_t<Events>, Event>) {
+    use(std::span<const Event>(events));
+  } else {
+    std::array<Event, 256> block;
+    std::size_t count = 0;
+    for (const auto& event : events) {
+      block[count++] = to_event(event);
+      if (count < block.size()) continue;
+      use(std::span<const Event>(block));
+      count = 0;
+    }
+    if (count > 0) use(std::span<const Event>(block).first(count));
+  }
 }
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// The frame of last polarities: what frame-based marker detection looks at.
+// The frame of last polarities: the image for frame-based marker detection.
 #include <cstdint>
 #include <span>
 #include <stdexcept>

@@ -1,7 +1,9 @@
 #pragma once
 // Single events with a wrong time are faults of transmission: found before they do harm.
+#include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 
 #include "evmarker/events/event.hpp"
 
@@ -30,16 +32,21 @@ class TimeGuard {
     return Verdict::pass;
   }
 
-  /// Whether an event at this time would pass, with nothing before it.
+  /// True if an event at this time would pass, and no other before it.
   bool passes(Timestamp t) const noexcept { return elapsed_us(last_t_, t) + kNear_us < end_us_; }
-  /// Whether one passes that comes right after a time that passed.
-  static bool near(Timestamp last, Timestamp t) noexcept { return elapsed_us(last, t) + kNear_us < 2 * kNear_us + 1; }
-  /// Several have passed, each near the one before, the last one at this time.
+  /// How many of some events pass before the first one that does not.
+  std::size_t passing(std::span<const Event> events) const noexcept {
+    if (events.empty() || !passes(events.front().t)) return 0;
+    std::size_t count = 1;
+    while (count < events.size() && near(events[count - 1].t, events[count].t)) ++count;
+    return count;
+  }
+  /// Events that were found `passing` have been taken, the last one at this time.
   void passed(Timestamp last) noexcept { last_t_ = last; }
 
   /// The event that is held back, or was.
   const Event& held() const noexcept { return held_; }
-  /// Whether an event is held back that one at this time confirms.
+  /// True if an event is held back that one at this time confirms.
   bool releases(Timestamp t) const noexcept { return holding_ && distance_us(held_.t, t) < distance_us(last_t_, t); }
 
   /// Time of the event that is taken next if one at this time comes: of that one or of one that was held back; null if
@@ -59,6 +66,7 @@ class TimeGuard {
   std::uint64_t faults() const noexcept { return faults_; }
 
  private:
+  static bool near(Timestamp last, Timestamp t) noexcept { return elapsed_us(last, t) + kNear_us < 2 * kNear_us + 1; }
   static std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     return a < b ? elapsed_us(a, b) : elapsed_us(b, a);
   }

@@ -22,7 +22,7 @@
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/text_layout.hpp"
 #include "evmarker/io/trajectory.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker::io {
 

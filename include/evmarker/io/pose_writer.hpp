@@ -13,7 +13,7 @@
 
 #include "evmarker/io/output_file.hpp"
 #include "evmarker/io/pose_format.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker::io {
 

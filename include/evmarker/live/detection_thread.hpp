@@ -9,28 +9,28 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/detection/detection.hpp"
-#include "evmarker/detection/look.hpp"
+#include "evmarker/detection/detection_request.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/live/event_intake.hpp"
 #include "evmarker/live/thread_priority.hpp"
 
 namespace evmarker::live {
 
-/// Looks at polarity frames while tracking goes on. Handing over a look costs the tracking thread nothing: the detector
-/// has a frame of its own, and gets the events since the last look. One thread uses it, one look at a time; looks that
-/// may wait are on a thread that runs where a processor is free.
+/// Detects markers in polarity frames while tracking goes on. A request costs the tracking thread nothing: the detector
+/// has a frame of its own, and gets the events since its last one. One detection at a time; those that may wait are on
+/// a thread that runs where a processor is free.
 template <MarkerDetector Detector>
 class DetectionThread {
  public:
-  struct Answer {
-    Findings findings;
+  struct Outcome {
+    DetectionResult result;
     std::exception_ptr error;  ///< what the detector threw instead
-    Clock::duration took{};
+    Clock::duration duration{};
   };
 
   /// @param detector used by these threads alone as long as they run
-  /// @param max_events kept between looks; of more the whole frame is copied
-  /// @param when_idle whether any look may wait, see `run_this_thread_when_idle`
+  /// @param max_events kept between requests; if there are more, the whole frame is copied
+  /// @param when_idle true if requests may wait at all, see `run_this_thread_when_idle`
   DetectionThread(Detector& detector, SensorSize size, std::size_t max_events, bool when_idle)
       : detector_(detector),
         max_events_(max_events),
@@ -53,7 +53,7 @@ class DetectionThread {
   DetectionThread(const DetectionThread&) = delete;
   DetectionThread& operator=(const DetectionThread&) = delete;
 
-  /// Waits for the end of the look that is going on.
+  /// Waits for the end of the detection that is going on.
   ~DetectionThread() {
     for (Worker* worker : {&soon_, &idle_}) {
       if (!worker->thread.joinable()) continue;
@@ -62,7 +62,7 @@ class DetectionThread {
     }
   }
 
-  /// An event that went into the frame.
+  /// Takes an event that is in the next frame.
   void add(const Event& event) {
     if (new_events_.size() < max_events_)
       new_events_.push_back(event);
@@ -70,10 +70,10 @@ class DetectionThread {
       too_many_ = true;
   }
 
-  /// Starts a look at the frame of all events added. The last answer must have been taken.
-  /// @param may_wait whether tracking comes first
-  void look(Look look, const PolarityFrame& frame, bool may_wait) {
-    job_.look = std::move(look);
+  /// Starts a detection in the frame of all events added. There must have been an outcome of the one before.
+  /// @param may_wait true if tracking comes first
+  void start(DetectionRequest request, const PolarityFrame& frame, bool may_wait) {
+    job_.request = std::move(request);
     std::swap(job_.events, new_events_);
     new_events_.clear();
     job_.whole = std::exchange(too_many_, false);
@@ -82,24 +82,24 @@ class DetectionThread {
     (may_wait && idle_is_served_ ? idle_ : soon_).jobs.wait_enqueue(&job_);
   }
 
-  /// The answer to the look, valid until the next one, or nothing in time.
-  const Answer* answer(std::chrono::microseconds timeout) {
+  /// The outcome of the last request, valid until the next one; null if it is not there in time.
+  const Outcome* outcome(std::chrono::microseconds timeout) {
     Job* job = nullptr;
-    const bool there = timeout.count() > 0 ? answers_.wait_dequeue_timed(job, timeout) : answers_.try_dequeue(job);
-    if (!there) return nullptr;
+    const bool done = timeout.count() > 0 ? done_.wait_dequeue_timed(job, timeout) : done_.try_dequeue(job);
+    if (!done) return nullptr;
     // Other programs keep all processors busy: from now on the detector takes its share.
-    if (job->answer.took > kStarved) idle_is_served_ = false;
-    return &job->answer;
+    if (job->outcome.duration > kStarved) idle_is_served_ = false;
+    return &job->outcome;
   }
 
  private:
   struct Job {
-    Look look;
+    DetectionRequest request;
     std::vector<Event> events;
     PolarityFrame frame;
-    bool whole;  // all of `frame` counts, not the events
+    bool whole;  // `frame` is complete, `events` are not
     Clock::time_point since;
-    Answer answer;
+    Outcome outcome;
   };
 
   struct Worker {
@@ -113,29 +113,29 @@ class DetectionThread {
     for (Job* job = nullptr;;) {
       worker.jobs.wait_dequeue(job);
       if (job == nullptr) return;
-      job->answer.error = nullptr;
+      job->outcome.error = nullptr;
       if (job->whole)
         std::swap(frame_, job->frame);
       else
         for (const Event& event : job->events) frame_.update(event);
       try {
-        job->answer.findings = evmarker::answer(detector_, frame_, job->look);
+        job->outcome.result = detect(detector_, frame_, job->request);
       } catch (...) {
-        job->answer.error = std::current_exception();
+        job->outcome.error = std::current_exception();
       }
-      job->answer.took = Clock::now() - job->since;
-      answers_.wait_enqueue(job);
+      job->outcome.duration = Clock::now() - job->since;
+      done_.wait_enqueue(job);
     }
   }
 
   Detector& detector_;
   std::size_t max_events_;
-  PolarityFrame frame_;            // of the last look
+  PolarityFrame frame_;            // of the last request
   std::vector<Event> new_events_;  // since then
   bool too_many_ = false;
   Job job_;  // belongs to one side at a time
   bool idle_is_served_;
-  moodycamel::BlockingReaderWriterCircularBuffer<Job*> answers_{2};
+  moodycamel::BlockingReaderWriterCircularBuffer<Job*> done_{2};
   Worker soon_, idle_;
 };
 

@@ -106,7 +106,7 @@ class Pipeline {
     while (published_.busy(intake_)) std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
 
-  /// Whether to look for markers, from now on; without, those that are tracked stay so until they are lost.
+  /// Switches the detector on or off; without it, markers that are tracked stay so until they are lost.
   void set_detection(bool on) noexcept { detection_on_ = on; }
 
   Status status() const {
@@ -120,13 +120,13 @@ class Pipeline {
   /// From a pose's event being pushed to its delivery.
   const LatencyHistogram& latency() const noexcept { return push_to_pose_; }
 
-  /// Every tracked marker's pose at a camera time, by the velocity of a rule that knows one: for a controller, at its
-  /// own rate, whether events come or not. Its covariance grows with its age, `t - quality.updated_t`. A marker that
-  /// has been tracked beyond `now` is told as it is.
+  /// Every tracked marker's pose at a camera time, by the velocity of a rule that estimates it: for a controller, at
+  /// its own rate, whether events come or not. Its covariance grows with its age, `t - quality.updated_t`. A marker
+  /// that has been tracked beyond `now` is given as it is.
   std::vector<PoseEstimate> tick(Timestamp now) const { return published_.poses_at(now); }
 
  private:
-  static constexpr std::chrono::milliseconds kPatience{5};  // until a thread looks whether it should stop
+  static constexpr std::chrono::milliseconds kPatience{5};  // between two checks whether to stop
 
   void halt() {
     if (!thread_.joinable()) return;
@@ -146,11 +146,11 @@ class Pipeline {
     shorten_turns_of_this_thread();
     while (!stopping_) {
       EventBlock* const block = intake_.take(patience());
-      if (!settings_.wait_for_detector) take_answer_between_events();
+      if (!settings_.wait_for_detector) receive_detection(std::chrono::microseconds(0), untimed());
       if (block != nullptr) {
         deliver_triggers(block->number);
         // The numbers that are missing were dropped out of the queue.
-        if (block->follows_dropped || block->number != last_block_ + 1) skip_to(block->first_t());
+        if (block->follows_dropped || block->number != last_block_ + 1) core_->skip_to(block->first_t(), untimed());
         track(*block);
         last_block_ = block->number;
         intake_.give_back(block);
@@ -169,12 +169,9 @@ class Pipeline {
     return ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience;
   }
 
-  // While no events come, markers that were just found may take those that they have not seen.
+  // While no events come, markers that were detected just now may replay those before.
   void catch_up() {
-    if (settings_.wait_for_detector) return;
-    core_->clear_poses();
-    core_->catch_up(EventBlock::kCapacity);
-    deliver(std::nullopt);
+    if (!settings_.wait_for_detector) core_->catch_up(EventBlock::kCapacity, untimed());
   }
 
   void track(const EventBlock& block) {
@@ -188,50 +185,37 @@ class Pipeline {
       const auto stop = [&](const Event& e) {
         detection_thread_->add(e);
         t = e.t;
-        return due = (detection_on_ && core_->look_due(e.t)) || (settings_.wait_for_detector && core_->answer_due(e.t));
+        return due =
+                   (detection_on_ && core_->detection_due(t)) || (settings_.wait_for_detector && core_->result_due(t));
       };
-      const std::size_t taken = core_->push(settings_.on_tick ? clock_.before_next(left) : left, stop,
-                                            [&](const PoseEstimate& pose) { deliver(pose, block.pushed); });
-      if (due && core_->look_due(t) && detection_on_)
-        detection_thread_->look(core_->look(t), core_->polarity_frame(), !core_->searching());
-      if (due && settings_.wait_for_detector && core_->answer_due(t)) wait_for_answer();
-      deliver(block.pushed);
-      left = left.subspan(taken);
+      const auto deliver_timed = [&](const PoseEstimate& pose) { deliver(pose, block.pushed); };
+      left = left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, stop, deliver_timed));
+      if (!due) continue;
+      if (core_->detection_due(t) && detection_on_)
+        detection_thread_->start(core_->request_detection(t), core_->polarity_frame(), !core_->searching());
+      if (settings_.wait_for_detector && core_->result_due(t))
+        while (core_->result_pending() && !stopping_) receive_detection(kPatience, deliver_timed);
     }
   }
 
-  void skip_to(Timestamp t) {
-    core_->skip_to(t);
-    deliver(std::nullopt);
-  }
-
-  void wait_for_answer() {
-    while (core_->answer_awaited() && !stopping_) take_answer(kPatience);
-  }
-
-  // Between events: the poses that it leads to have no event whose way could be timed.
-  void take_answer_between_events() {
-    core_->clear_poses();
-    take_answer(std::chrono::microseconds(0));
-    deliver(std::nullopt);
-  }
-
-  // The findings of the look that is going on, if they are there in time.
-  void take_answer(std::chrono::microseconds timeout) {
-    const auto* const answer = core_->answer_awaited() ? detection_thread_->answer(timeout) : nullptr;
-    if (answer == nullptr) return;
-    detection_.add(answer->took);
+  // Hands the result of the detection that is going on to the tracker, if it is there in time.
+  template <typename Deliver>
+  void receive_detection(std::chrono::microseconds timeout, const Deliver& deliver) {
+    const auto* const outcome = core_->result_pending() ? detection_thread_->outcome(timeout) : nullptr;
+    if (outcome == nullptr) return;
+    detection_.add(outcome->duration);
     try {
-      if (answer->error) std::rethrow_exception(answer->error);
-      core_->take(answer->findings);
+      if (outcome->error) std::rethrow_exception(outcome->error);
+      core_->register_markers(outcome->result, deliver);
     } catch (...) {
-      core_->give_up_look();
+      core_->cancel_detection();
       published_.keep_error(&Status::detector_errors);
     }
   }
 
-  void deliver(std::optional<Clock::time_point> pushed) {
-    for (const PoseEstimate& pose : core_->poses()) deliver(pose, pushed);
+  // Between events: these poses have no event whose way could be timed.
+  auto untimed() {
+    return [this](const PoseEstimate& pose) { deliver(pose, std::nullopt); };
   }
 
   void deliver(const PoseEstimate& pose, std::optional<Clock::time_point> pushed) {
@@ -243,7 +227,7 @@ class Pipeline {
 
   bool ticks_by_wall() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }
 
-  // Before an event: the poses know of nothing later. All events before `heard` have come.
+  // Before an event: the poses depend on nothing later. All events before `heard` have come.
   void deliver_ticks(Timestamp now, Timestamp heard) {
     if (!settings_.on_tick) return;
     while (!stopping_) {

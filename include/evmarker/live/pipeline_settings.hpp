@@ -1,5 +1,5 @@
 #pragma once
-// What a pipeline can be told.
+// Settings of a pipeline.
 #include <chrono>
 #include <cstddef>
 #include <functional>
@@ -7,7 +7,7 @@
 
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/live/event_intake.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/tracking/tracker_settings.hpp"
 
 namespace evmarker::live {
@@ -17,12 +17,12 @@ struct PipelineSettings {
   TrackerSettings<Rule> tracker{};
   OverloadPolicy overload = OverloadPolicy::drop_oldest;
   std::size_t queue_events = 1u << 18;  ///< waiting to be tracked at most, 16 bytes each; a push takes 256 or more
-  /// Tracking waits for the detector where it is not ready `tracker.detection_latency` of camera time after its look:
-  /// then the poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
+  /// Tracking waits for a detector that needs more camera time than `tracker.detection_latency`: then the poses are
+  /// those of `Tracker`, bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
   /// Once all markers are tracked, the detector works where a processor is free, so that tracking never waits for it
-  /// (Linux: SCHED_IDLE). It takes its share all the same once a look has taken 0.2 s, as where other programs keep all
-  /// processors busy. Without effect where tracking waits for the detector.
+  /// (Linux: SCHED_IDLE). It takes its share all the same once a detection has taken 0.2 s, as where other programs
+  /// keep all processors busy. Without effect where tracking waits for the detector.
   bool detect_when_idle = true;
   std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
 

@@ -1,5 +1,5 @@
 #pragma once
-// What the tracking thread lets other threads know.
+// The state of the tracking thread for other threads.
 #include <cstdint>
 #include <exception>
 #include <mutex>
@@ -18,7 +18,7 @@ struct Delivered {
   std::uint64_t poses = 0, ticks = 0, triggers = 0;
 };
 
-/// The last state that was published, told to any thread.
+/// The last published state. Any thread may read it.
 template <PoseUpdateRule Rule>
 class PublishedState {
  public:
@@ -95,7 +95,7 @@ class PublishedState {
     return status;
   }
 
-  /// Whether there are events or triggers that were pushed and not yet taken or dropped, and somebody to do it.
+  /// True while the pipeline runs and has events or triggers that are neither taken nor dropped.
   bool busy(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
     const std::uint64_t dropped = intake.dropped(), triggers_dropped = intake.triggers_dropped();

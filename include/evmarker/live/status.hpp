@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "evmarker/live/latency_histogram.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker::live {
 
@@ -33,17 +33,17 @@ struct Status {
   std::uint64_t ticks = 0;             ///< calls of `PipelineSettings::on_tick`
   std::uint64_t triggers = 0;          ///< pushed
   std::uint64_t triggers_dropped = 0;  ///< for lack of room, while stopped, or left by `stop`
-  std::uint64_t detections = 0;        ///< looks at the polarity frame
+  std::uint64_t detections = 0;        ///< polarity frames given to the detector
   std::uint64_t registered = 0;        ///< markers that were confirmed
-  std::uint64_t replayed = 0;          ///< events since a look, replayed into the markers that it found
-  std::uint64_t replays_cut = 0;       ///< of these replays, how many lacked events: too many since the look to be kept
+  std::uint64_t replayed = 0;          ///< events since a detection, replayed into its markers
+  std::uint64_t replays_cut = 0;       ///< of these replays, how many lacked events: there were too many to be kept
   std::uint64_t lost = 0;              ///< of the registered
   std::uint64_t callback_errors = 0;   ///< exceptions that the callbacks threw
-  std::uint64_t detector_errors = 0;   ///< exceptions that the detector threw, or its findings led to
+  std::uint64_t detector_errors = 0;   ///< exceptions that the detector threw, or its result led to
   std::string error;                   ///< the first of these
   Latency push_to_pose;                ///< from `push` of the event that completed a pose to its delivery
   Latency queue_wait;                  ///< from `push` to tracking, of blocks of events
-  Latency detection;                   ///< of one look, waiting for a processor included
+  Latency detection;                   ///< of one detection, waiting for a processor included
   std::vector<MarkerStatus> markers;   ///< being tracked
 };
 

@@ -15,7 +15,7 @@
 
 namespace evmarker::live {
 
-/// Ticks at the multiples of an interval of camera time, which the events tell; where none come, the wall clock runs it
+/// Ticks at the multiples of an interval of camera time, by the events' times; while none come, the wall clock runs it
 /// on. A clock that jumps, as of a camera that is restarted, starts anew where it jumped to. Of one thread.
 class TickClock {
  public:

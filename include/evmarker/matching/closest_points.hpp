@@ -23,7 +23,7 @@ struct ClosestPoints {
 [[gnu::always_inline]] inline ClosestPoints closest_points(Vec3 V, Vec3 S, double begin, double end, Vec3 M) noexcept {
   const double MM = dot(M, M), MS = dot(M, S), SS = dot(S, S), MV = dot(M, V), SV = dot(S, V);
   const double determinant = MM * SS - MS * MS;
-  const double a2 = smaller(larger((MS * MV - MM * SV) / determinant, begin), end);
+  const double a2 = simd::smaller(simd::larger((MS * MV - MM * SV) / determinant, begin), end);
   const double a1 = (MV + a2 * MS) / MM;  // after the limit, still the point of M nearest to E
   return {V + a2 * S, a1 * M, determinant > 1e-6 * MM * SS};
 }

@@ -1,5 +1,5 @@
 #pragma once
-// Some events number by number, so that what is the same for all of them is computed in vectors.
+// Some events as one array for each component, for loops that become vector instructions.
 #include <array>
 #include <cstddef>
 
@@ -13,9 +13,9 @@ namespace evmarker {
 /// may be read from any of them on.
 class EventGroup {
  public:
-  static constexpr std::size_t kMost = 8 * kLanes;
+  static constexpr std::size_t kMost = 8 * simd::kLanes;
   template <typename Number>
-  using Numbers = std::array<Number, kMost + kLanes>;
+  using Numbers = std::array<Number, kMost + simd::kLanes>;
 
   // Not initialised: that would take as long as a fifth of the matching.
   EventGroup() noexcept {}
@@ -33,7 +33,7 @@ class EventGroup {
       t[i] = time;
       polarity[i] = sign;
     }
-    for (std::size_t i = count; i < count + kLanes; ++i) x[i] = y[i] = 0;
+    for (std::size_t i = count; i < count + simd::kLanes; ++i) x[i] = y[i] = 0;
   }
 
   std::size_t count() const noexcept { return count_; }

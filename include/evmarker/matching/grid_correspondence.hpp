@@ -1,5 +1,5 @@
 #pragma once
-// What it means in space that events match edges of a code marker's grid, Eqs. (1) to (5).
+// Eqs. (1) to (5) for events and the edges of a code marker's grid that they match.
 #include <cmath>
 #include <cstddef>
 
@@ -53,8 +53,8 @@ struct OnGridEdge {
 
 /// Events that were matched to edges of the grid, number by number.
 struct GridMatches {
-  alignas(64) Lanes x{}, y{}, t{}, polarity{};                  ///< line of sight (x, y; 1), time [us], see Event
-  alignas(64) Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
+  alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};                  ///< line of sight (x, y; 1), time [us], see Event
+  alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
   std::size_t count = 0;
 
   void set(std::size_t i, double m_x, double m_y, Timestamp time, double sign,
@@ -81,13 +81,13 @@ struct GridMatches {
   const auto select = [](double second, const Vec3* two) __attribute__((always_inline)) {
     return (1 - second) * two[0] + second * two[1];
   };
-  alignas(64) Lanes norm;
-  for (std::size_t i = 0; i < kLanes; ++i) {
+  alignas(64) simd::Lanes norm;
+  for (std::size_t i = 0; i < simd::kLanes; ++i) {
     const Vec3 line = select(matches.coordinate[i], rows) - matches.k[i] * row_w;
     norm[i] = line.x * line.x + line.y * line.y;
   }
-  take_root(norm);
-  for (std::size_t i = 0; i < kLanes; ++i) {
+  simd::square_roots(norm);
+  for (std::size_t i = 0; i < simd::kLanes; ++i) {
     const double is_y = matches.coordinate[i], k = matches.k[i];
     const Vec2 m{matches.x[i], matches.y[i]};
     const OnGridEdge on =

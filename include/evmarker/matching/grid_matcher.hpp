@@ -17,10 +17,10 @@
 
 namespace evmarker {
 
-/// Matches like SegmentMatcher, event by event with the same result. On a code marker it does not ask every segment:
-/// the inverse homography takes the event into the marker's grid, where the nearest vertical and horizontal line are
-/// a rounding and a table knows their edges. Other wireframes, and poses at which more lines than these two may be
-/// within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
+/// Matches like SegmentMatcher, with the same result for every event. On a code marker it need not go through all
+/// segments: the inverse homography takes the event into the marker's grid, where rounding gives the nearest vertical
+/// and horizontal line, and a table has their edges. Other wireframes, and poses at which more lines than these two may
+/// be within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
 class GridMatcher {
  public:
   using Stretch = GridEdges::Stretch;
@@ -48,7 +48,7 @@ class GridMatcher {
     first_stretch_ = {2, 2 + (grid_->cells() + 1) * stretches_of_line_};
   }
 
-  /// Takes a pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
+  /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     on_grid_ = grid_ && projected_.project(T_camera_marker) && fits();
     if (on_grid_) {
@@ -59,15 +59,15 @@ class GridMatcher {
     return on_grid_ || segments_.project(T_camera_marker);
   }
 
-  /// The same, but events go on matching the edges that they matched at the last `project`, where these are now, if the
-  /// marker has moved less than so far since then.
+  /// Sets the pose, but events go on matching the edges that they matched at the last `project`, at their new places,
+  /// if the marker's corners have moved by less than that since then.
   bool move(const Eigen::Isometry3d& T_camera_marker, double pixels) noexcept {
     if (on_grid_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, pixels / focal_length_))
         [[likely]]
       return true;
     return project(T_camera_marker);
   }
-  /// How often which edge an event matches has begun to depend on a new pose.
+  /// Counts the poses at which edges were chosen: `project`, and `move` beyond its limit.
   unsigned lookups() const noexcept { return lookups_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
@@ -77,13 +77,13 @@ class GridMatcher {
     return choice.result == MatchResult::matched ? correspond(*choice.edge, m, correspondence) : choice.result;
   }
 
-  /// What an event matches on the grid, and where.
+  /// The edge that an event matches on the grid.
   struct Choice {
     MatchResult result = MatchResult::matched;
     const Stretch* edge = nullptr;  ///< of a matched event
   };
 
-  /// The same without what it means in space, while `on_grid()`.
+  /// Finds only the edge, without the points in space; requires `on_grid()`.
   [[gnu::always_inline]] Choice choose(Vec2 m) const noexcept {
     const Sight sight = lookup_.sight(m);
     if (!lookup_.within(fringe_, sight)) return {MatchResult::far};
@@ -94,47 +94,48 @@ class GridMatcher {
     return choose_carefully(sight, lines);
   }
 
-  /// The same, for an event that is known not to be far and not to be surely beside one edge.
+  /// The same for an event that the batch version has left undecided.
   Choice choose_carefully(Vec2 m) const noexcept {
     const Sight sight = lookup_.sight(m);
     return choose_carefully(sight, lookup_.nearest_lines(sight));
   }
 
-  /// For each of many events the number of the stretch that it matches, or one of these.
+  /// For each of some events the number of the stretch that it matches, or one of these.
   struct Choices {
-    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: ask `choose_carefully`
+    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_carefully` decides
     static constexpr std::size_t kMost = NearestLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
 
-  /// The same for many events, faster: for `count` from `first` on.
+  /// Batch version of `choose`: for `count` events from `first` on.
   void choose(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
     NearestLines lines;
     const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
     const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
     const Stretch* const stretches = grid_->stretches();
-    in_wide_vectors([&]() __attribute__((always_inline)) {
+    simd::in_wide_vectors([&]() __attribute__((always_inline)) {
       nearest_lines(lookup_, fringe_, end_margin_cells_, events, first, count, lines);
-      for (std::size_t from = 0; from < count; from += kLanes)
-        for (std::size_t i = from; i < from + kLanes; ++i) {
+      for (std::size_t from = 0; from < count; from += simd::kLanes)
+        for (std::size_t i = from; i < from + simd::kLanes; ++i) {
           const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
           const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);
-          const double x_most = larger(lines.squared[0][i], stretches[x].at_most);
-          const double y_most = larger(lines.squared[1][i], stretches[y].at_most), best = smaller(y_most, x_most);
-          const double x_least = larger(lines.squared[0][i], stretches[x].at_least);
-          const double y_least = larger(lines.squared[1][i], stretches[y].at_least);
+          const double x_most = simd::larger(lines.squared[0][i], stretches[x].at_most);
+          const double y_most = simd::larger(lines.squared[1][i], stretches[y].at_most),
+                       best = simd::smaller(y_most, x_most);
+          const double x_least = simd::larger(lines.squared[0][i], stretches[x].at_least);
+          const double y_least = simd::larger(lines.squared[1][i], stretches[y].at_least);
           int choice = y_most < x_most ? y : x;
           choice = best <= limit2 ? choice : Choices::kUnsure;
-          choice = larger(x_least, y_least) > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
+          choice = simd::larger(x_least, y_least) > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
           const int no_match = best <= 9 * limit2 ? Choices::kNear : Choices::kUnsure;
-          choice = smaller(x_least, y_least) > limit2 ? no_match : choice;
+          choice = simd::smaller(x_least, y_least) > limit2 ? no_match : choice;
           choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
           choices.stretch[i] = lines.within[i] > 0.5 ? choice : Choices::kFar;
         }
     });
   }
 
-  /// What it means in space that an event matches an edge, at the present pose.
+  /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose.
   [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, Vec2 m,
                                                 Correspondence& correspondence) const noexcept {
     return evmarker::correspond(projected_, edge, m, focal_length_, correspondence) ? MatchResult::matched
@@ -162,7 +163,7 @@ class GridMatcher {
   const MarkerModel& model() const noexcept { return segments_.model(); }
   double focal_length() const noexcept { return focal_length_; }
   double max_distance_px() const noexcept { return focal_length_ * max_distance_; }
-  /// Whether the present pose is matched through the grid.
+  /// True if the present pose is matched through the grid.
   bool on_grid() const noexcept { return on_grid_; }
 
  private:
@@ -173,12 +174,13 @@ class GridMatcher {
   // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
   // ends. No branch before the last, and that one can be foreseen. False for anything else.
   [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
-    if (!(smaller(lines.foot_w[0], lines.foot_w[1]) > 0)) [[unlikely]]
+    if (!(simd::smaller(lines.foot_w[0], lines.foot_w[1]) > 0)) [[unlikely]]
       return false;  // beyond the horizon
-    const Pair foot = smaller(larger(lines.foot_a / lines.foot_w, Pair{} - 0.5), Pair{} + (lookup_.cells() + 0.5));
+    const simd::Pair foot = simd::smaller(simd::larger(lines.foot_a / lines.foot_w, simd::Pair{} - 0.5),
+                                          simd::Pair{} + (lookup_.cells() + 0.5));
     // In a cell, both of these are its number; around a grid point, they differ by one.
-    const Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedGrid::kRounding;
-    const Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedGrid::kRounding;
+    const simd::Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedGrid::kRounding;
+    const simd::Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedGrid::kRounding;
     const auto stretch = [&](int i) {
       const int line = ProjectedGrid::rounded(lines.k_sum[i]),
                 cell_or_point = ProjectedGrid::rounded(number[i]) + ProjectedGrid::rounded(other_number[i]);
@@ -254,7 +256,7 @@ class GridMatcher {
     return MatchResult::far;
   }
 
-  // Whether two lines are enough for an event.
+  // True if no event can be within reach of more than its two nearest lines.
   bool fits() noexcept {
     const double rate = projected_.bound_rate(near_reach_);
     if (rate == rate_) return fits_;

@@ -11,7 +11,7 @@ namespace evmarker {
 
 /// The vertical and the horizontal line of a grid that are nearest to each of some events.
 struct NearestLines {
-  static constexpr std::size_t kMost = 5 * kLanes;
+  static constexpr std::size_t kMost = 5 * simd::kLanes;
   using Numbers = std::array<double, kMost>;
   alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, squared distance
   alignas(64) std::array<Numbers, 2> place;  ///< of the foot: twice its cell; around a grid point, once each of both
@@ -31,22 +31,22 @@ struct NearestLines {
   const double before = 0.5 - margin, behind = 0.5 + margin;
   const Vec3 row_w = grid.row_w(), row_x = grid.row(0), row_y = grid.row(1);
   const double *const event_x = &events.x[first], *const event_y = &events.y[first];
-  for (std::size_t from = 0; from < count; from += kLanes)
-    for (std::size_t i = from; i < from + kLanes; ++i) {
+  for (std::size_t from = 0; from < count; from += simd::kLanes)
+    for (std::size_t i = from; i < from + simd::kLanes; ++i) {
       const double x = event_x[i], y = event_y[i];
       const double a_x = row_x.x * x + row_x.y * y + row_x.z, a_y = row_y.x * x + row_y.y * y + row_y.z,
                    w = row_w.x * x + row_w.y * y + row_w.z;
-      const double from_centre = larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
+      const double from_centre = simd::larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
       lines.within[i] = from_centre < reach * w ? 1 : 0;
       double exists = 1;
       const auto nearest = [&](std::size_t c, Vec3 row, Vec3 along, double a, double a_along)
           __attribute__((always_inline)) {
-        const double k = (smaller(larger(a * by_w, 0), cells) + kRounding) - kRounding;
+        const double k = (simd::smaller(simd::larger(a * by_w, 0), cells) + kRounding) - kRounding;
         const GridLine<double> line = grid_line(k, row.x, row.y, along.x, along.y, row_w.x, row_w.y, a, a_along, w);
         const double inverse = 1 / (line.norm2 * line.foot_w);
         lines.k[c][i] = k;
         lines.squared[c][i] = line.e * line.e * line.foot_w * inverse;
-        const double foot = smaller(larger(line.foot_a * line.norm2 * inverse, -0.5), cells + 0.5);
+        const double foot = simd::smaller(simd::larger(line.foot_a * line.norm2 * inverse, -0.5), cells + 0.5);
         lines.place[c][i] = ((foot - before) + kRounding) - kRounding + (((foot - behind) + kRounding) - kRounding);
         exists = line.foot_w > 0 ? exists : 0;
       };

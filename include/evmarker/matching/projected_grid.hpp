@@ -79,18 +79,17 @@ class ProjectedGrid {
     }
     return corners;
   }
-  /// Whether they are seen less than so far from there, in either coordinate [tangent].
+  /// True if the corners are less than `distance` [tangent] away from `there`, in either coordinate.
   [[gnu::always_inline]] bool near(const Corners& there, double distance) const noexcept {
     const std::array<double, 4> X = of_corners(&Vec3::x), Y = of_corners(&Vec3::y), Z = of_corners(&Vec3::z);
     double least[4];
     for (std::size_t i = 0; i < 4; ++i)
-      least[i] = distance * Z[i] - larger(std::abs(X[i] - there.x[i] * Z[i]), std::abs(Y[i] - there.y[i] * Z[i]));
-    return smaller(smaller(least[0], least[1]), smaller(least[2], least[3])) > 0;
+      least[i] = distance * Z[i] - simd::larger(std::abs(X[i] - there.x[i] * Z[i]), std::abs(Y[i] - there.y[i] * Z[i]));
+    return simd::smaller(simd::smaller(least[0], least[1]), simd::smaller(least[2], least[3])) > 0;
   }
 
-  /// Grid coordinates change by at most so many cells in a unit of the tangent at the pose of the last call; not
-  /// positive where there is no such bound. Changes rarely while the marker moves.
-  /// @param reach how far from the grid's lines this is to hold [tangent]
+  /// A bound on the change of grid coordinates [cells] by a unit of the tangent, up to `reach` [tangent] from the
+  /// grid's lines; not positive if there is none. Changes rarely while the marker moves.
   double bound_rate(double reach) noexcept {
     const double z_far = corner_.z + std::max(cells_ * steps_[0].z, 0.0) + std::max(cells_ * steps_[1].z, 0.0);
     // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
@@ -120,7 +119,7 @@ class ProjectedGrid {
 
   /// An event in homogeneous grid coordinates (a; w): those of the line of sight's intersection with the marker.
   struct Sight {
-    Pair a;
+    simd::Pair a;
     double w;
   };
 
@@ -128,33 +127,34 @@ class ProjectedGrid {
     return {column(0) * m.x + column(1) * m.y + column(2), row_w_.x * m.x + row_w_.y * m.y + row_w_.z};
   }
 
-  /// Whether an event is on the marker or so many cells around it. Without a division: whether one is cannot be
-  /// foreseen, and what follows has to wait for it.
+  /// True if an event is on the marker or at most `fringe` cells beside it.
+  // Without a division: the processor cannot predict the result, and what follows has to wait for it.
   [[gnu::always_inline]] bool within(double fringe, const Sight& s) const noexcept {
-    const Pair from_centre = s.a - centre_ * s.w;
-    return larger(std::abs(from_centre[0]), std::abs(from_centre[1])) < (centre_ + fringe) * s.w;
+    const simd::Pair from_centre = s.a - centre_ * s.w;
+    return simd::larger(std::abs(from_centre[0]), std::abs(from_centre[1])) < (centre_ + fringe) * s.w;
   }
 
   /// 1/Z [1/m] of the point of the marker's plane that the event's line of sight meets.
-  double nearness(const Sight& s) const noexcept { return s.w / determinant_; }
+  double inverse_depth(const Sight& s) const noexcept { return s.w / determinant_; }
 
-  /// The sum of a number and this ends in the bits of the nearest integer. SSE2 cannot round, and a conversion to an
-  /// integer and back takes longer.
+  /// Adding and subtracting this rounds a number; the last bits of the sum are the integer.
+  // SSE2 cannot round, and a conversion to an integer and back takes longer.
   static constexpr double kRounding = 0x1.8p52;
   static int rounded(double sum) noexcept { return static_cast<int>(std::bit_cast<std::int64_t>(sum)); }
 
   /// The nearest vertical and horizontal line, and the event's feet on them.
-  struct Lines : GridLine<Pair> {
-    Pair k, k_sum;  ///< their numbers, and with kRounding added
-    Pair squared;   ///< the squared distances
+  struct Lines : GridLine<simd::Pair> {
+    simd::Pair k, k_sum;  ///< their numbers, and with kRounding added
+    simd::Pair squared;   ///< the squared distances
   };
 
   [[gnu::always_inline]] Lines nearest_lines(const Sight& s) const noexcept {
     Lines lines;
-    lines.k_sum = smaller(larger(s.a / s.w, Pair{}), Pair{} + cells_) + kRounding;
+    lines.k_sum = simd::smaller(simd::larger(s.a / s.w, simd::Pair{}), simd::Pair{} + cells_) + kRounding;
     lines.k = lines.k_sum - kRounding;
-    static_cast<GridLine<Pair>&>(lines) = grid_line(lines.k, column(0), column(1), swapped(column(0)),
-                                                    swapped(column(1)), row_w_.x, row_w_.y, s.a, swapped(s.a), s.w);
+    static_cast<GridLine<simd::Pair>&>(lines) =
+        grid_line(lines.k, column(0), column(1), simd::swapped(column(0)), simd::swapped(column(1)), row_w_.x, row_w_.y,
+                  s.a, simd::swapped(s.a), s.w);
     lines.squared = lines.e * lines.e / lines.norm2;
     return lines;
   }
@@ -177,7 +177,7 @@ class ProjectedGrid {
     return {coordinate, k, line.norm2, line.e * line.e / line.norm2, line.foot_a, line.foot_w};
   }
 
-  /// By how much `foot_a - point foot_w` changes over so long a way in the image at a grid point of the line.
+  /// The change of `foot_a - point foot_w` over a way in the image [tangent] at a grid point of the line.
   double at_point(const Line& line, int point, double way) const noexcept {
     const double z = steps_[line.coordinate].z * line.k + steps_[1 - line.coordinate].z * point + corner_.z;
     return way * determinant_ * z * std::sqrt(line.norm2);
@@ -187,7 +187,7 @@ class ProjectedGrid {
   Vec3 point(double x, double y) const noexcept { return x * steps_[0] + y * steps_[1] + corner_; }
 
  private:
-  [[gnu::always_inline]] Pair column(std::size_t i) const noexcept { return pair_at(rows_[i].data()); }
+  [[gnu::always_inline]] simd::Pair column(std::size_t i) const noexcept { return simd::pair_at(rows_[i].data()); }
 
   [[gnu::always_inline]] std::array<double, 4> of_corners(double Vec3::*axis) const noexcept {
     const double origin = corner_.*axis, x = cells_ * steps_[0].*axis, y = cells_ * steps_[1].*axis;

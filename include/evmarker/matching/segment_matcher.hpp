@@ -29,7 +29,8 @@ inline void validate(const SegmentMatcherSettings& settings) {
   require(settings.ambiguity_px >= 0, "ambiguity_px", settings.ambiguity_px);
 }
 
-/// What became of an event. `contradicting`: on an edge that moves the other way; only who knows the motion can tell.
+/// What an event was matched to. `contradicting`: an edge that moves the other way, by a motion that only the caller
+/// has.
 enum class MatchResult { matched, ambiguous, contradicting, near, far };
 
 /// Matches events to the nearest segment of a wireframe at one pose. Distances are in undistorted pixels.

@@ -2,7 +2,7 @@
 // The inverse of a pose's covariance, for those who fuse poses.
 #include <Eigen/Cholesky>
 
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 

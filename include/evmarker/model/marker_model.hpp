@@ -22,7 +22,7 @@ struct MarkerSegment {
   Eigen::Vector3d face_normal = Eigen::Vector3d::Zero();
 };
 
-/// Whether an edge is on a side that is turned to the camera, or on none.
+/// True if an edge is on a side that faces the camera, or on no side.
 /// @param point any of its points [camera frame]
 inline bool faces_camera(const MarkerSegment& segment, const Vec3& point,
                          const Eigen::Isometry3d& T_camera_marker) noexcept {
@@ -99,6 +99,18 @@ inline MarkerModel make_rectangle_marker(double width, double height) {
   return model;
 }
 
+namespace detail {
+
+// A cell of a code marker, counted from its border: that is black, and everything outside of it is white.
+inline bool is_white(const CodeBits& bits, int row, int column) {
+  const int last = static_cast<int>(bits.rows()) + 1;
+  if (row < 0 || row > last || column < 0 || column > last) return true;
+  if (row == 0 || row == last || column == 0 || column == last) return false;
+  return bits(row - 1, column - 1) != 0;
+}
+
+}  // namespace detail
+
 /// The outline of a black-bordered code marker (ArUco, AprilTag) and every edge between its black and white cells.
 /// `length` [m] is the side of the black square; `bits` are the cells inside its border, which is one cell wide.
 inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
@@ -107,12 +119,7 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
     throw std::invalid_argument("marker code must be a square of cells, not " + std::to_string(bits.rows()) + " x " +
                                 std::to_string(bits.cols()));
   const int cells = static_cast<int>(bits.rows()) + 2;
-  const auto white = [&](int row, int column) {  // outside the marker is white, its border black
-    if (row < 0 || row >= cells || column < 0 || column >= cells) return true;
-    if (row == 0 || row == cells - 1 || column == 0 || column == cells - 1) return false;
-    return bits(row - 1, column - 1) != 0;
-  };
-
+  const auto white = [&](int row, int column) { return detail::is_white(bits, row, column); };
   const Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   MarkerModel model;
   model.cells = cells;

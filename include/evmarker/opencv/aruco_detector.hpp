@@ -18,7 +18,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
-#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
@@ -33,11 +33,12 @@ namespace evmarker::opencv {
 struct ArucoDetectorSettings {
   std::string dictionary = "DICT_4X4_50";  ///< OpenCV's name of a predefined dictionary
   double marker_length = 0.10;             ///< side of the black square [m]
-  std::vector<MarkerId> ids = {};          ///< the markers to look for; empty: the whole dictionary
-  double min_side_px = 15;                 ///< smaller markers are not looked for
+  std::vector<MarkerId> ids = {};          ///< the markers to find; empty: the whole dictionary
+  double min_side_px = 15;                 ///< smaller markers are ignored
   double min_agreement = 0.9;     ///< share of the marker's area that must look as its code demands, see `read_code`
   double min_edge_support = 0.7;  ///< share of its edges that must be seen in the frame, see `FrameFit`
-  double max_alternative_ratio = 2.0;  ///< the second planar pose is told if it fits at most so much worse
+  double max_alternative_ratio =
+      2.0;  ///< the second planar pose is reported if its error is at most so many times larger
 };
 
 /// A `MarkerDetector` on OpenCV's ArUco. Last-polarity frames are ragged and half empty; OpenCV alone finds ids in them
@@ -86,14 +87,14 @@ class ArucoDetector {
     return detections;
   }
 
-  /// Whether the frame of the last look shows a marker's code at a pose: no cell of it may look like the opposite.
+  /// True if the last frame shows a marker's code at a pose, and no cell of it looks like the opposite.
   bool shows(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     constexpr double kMostOfIt = 0.75;
     const CodeReading code = read_code(camera_, image_, bits(id), settings_.marker_length, T_camera_marker);
     return code.contradicted == 0 && code.agreement >= kMostOfIt;
   }
 
-  /// Looks in the frame of the last look for a marker that should be near a pose.
+  /// Searches the last frame for a marker that should be near a pose.
   std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     const auto fit = fit_pose(model(id), bits(id), T_camera_marker);
     return fit ? std::optional(describe(id, fit->T_camera_marker)) : std::nullopt;
@@ -230,7 +231,7 @@ class ArucoDetector {
     return poses;
   }
 
-  // How far from an edge its step is looked for: not to the next edge of the code.
+  // How far from an edge its step is searched: not to the next edge of the code.
   double reach_px(const Eigen::Isometry3d& T) const {
     const double marker_px = camera_.focal_length() * settings_.marker_length / translation(T).z;
     return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
@@ -251,7 +252,7 @@ class ArucoDetector {
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
   CodeBook codes_;
-  cv::Mat image_;  // of the last look
+  cv::Mat image_;  // of the last frame
   Timestamp t_ = 0;
 };
 

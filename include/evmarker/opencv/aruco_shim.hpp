@@ -1,5 +1,5 @@
 #pragma once
-// ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else knows the version.
+// ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else depends on the version.
 #include <algorithm>
 #include <array>
 #include <opencv2/core.hpp>

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/opencv/dark_quads.hpp"
 
 namespace evmarker::opencv {
@@ -93,7 +93,7 @@ class CodeBook {
     return word;
   }
 
-  // How many of so many random bits may differ from a code; -1: so few bits tell nothing.
+  // How many of a number of random bits may differ from a code; -1: there are too few bits.
   int allowed_errors(int bits) const {
     const double codes = static_cast<double>(entries_.size());
     double ways = 1, sum = 0;
@@ -126,7 +126,7 @@ class CodeBook {
       const int seen = image.at<uchar>(y, x);
       return (seen > 128) - (seen < 128);
     };
-    constexpr int kKnown = 2;  // so many more samples of a cell look like its value than like the other
+    constexpr int kKnown = 2;  // more samples of a cell that look like its value than like the other
     Cells cells;
     int dark_border = 0, inner = inside() * inside();
     for (int row = 0; row < cells_; ++row)

@@ -127,7 +127,7 @@ class EdgeResiduals {
 
   // The Gauss-Newton step, damped in units that make translation, rotation and offset comparable.
   Vector7 step(double offset_px) const {
-    // The offset stays near zero where only an outline is seen: there it cannot be told from the distance.
+    // The offset stays near zero where only an outline is seen: there it cannot be separated from the distance.
     constexpr double kOffsetWeight = 10, kDamping = 1e-4;
     Matrix77 H = H_;
     Vector7 b = b_;
@@ -185,7 +185,7 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
 /// Moves a pose so that the model's edges fall on the steps from bright to dark in the frame (8 bit, 128 where nothing
 /// was seen): Gauss-Newton with Huber weights over pose and one offset, by which all dark areas look too small because
 /// pixels that sense the logarithm of light fire on the dark side of a blurred edge.
-/// @param reach_px how far to each side of an edge its step is looked for
+/// @param reach_px how far to each side of an edge its step is searched
 /// @return the pose as it was where the frame shows hardly a step (see `support`); nothing where the model is not in
 /// front of the camera or the lens model has no image of it
 template <CameraModel Camera>

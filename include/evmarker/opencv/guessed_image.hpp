@@ -13,7 +13,7 @@ namespace evmarker::opencv {
 namespace detail {
 
 inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
-inline constexpr int kBlock = 3;  // side [px] of the blocks whose motion is told
+inline constexpr int kBlock = 3;  // side [px] of the blocks whose motion is estimated
 
 // The last polarities without the noise, which would cast votes, too: a pixel keeps its polarity if two neighbours
 // share it (the edge of a slow marker is a thin line), and takes the one that most of its neighbours have.
@@ -33,7 +33,7 @@ inline cv::Mat_<std::uint8_t> without_noise(const cv::Mat& pixels) {
 
 // Low bits of two times, nearer than half an hour: how much later the first is [us].
 inline float later_us(std::uint32_t a, std::uint32_t b) {
-  constexpr float kAnotherPassage = 20000;  // [us]: two edges that passed at different times tell no direction
+  constexpr float kAnotherPassage = 20000;  // [us]: two edges that passed at different times have no common direction
   return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
 }
 
@@ -85,13 +85,13 @@ inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const c
 
 /// The black-and-white image that the last polarities stand for: 255 bright, 0 dark, 128 unknown. The pixels that an
 /// edge has swept show what it left behind it; ahead of it, where nothing happened yet, it must be the opposite, and
-/// before the place where the edge came from, the same. Which end of the swept strip is which the times tell. So a
+/// before the place where the edge came from, the same. The times decide which end of the swept strip is which. So a
 /// marker is seen after a pixel of motion, while the polarities alone show it only when the motion exceeds its largest
 /// plain area.
 inline cv::Mat guess_image(const PolarityFrame& frame) {
   const SensorSize size = frame.sensor_size();
   const cv::Mat pixels(size.height, size.width, CV_8U,
-                       const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat knows no const view
+                       const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat has no const view
   const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
   const auto motion_of = [&](std::uint8_t polarity) {
     const cv::Mat left = (seen == polarity) & (pixels == polarity);

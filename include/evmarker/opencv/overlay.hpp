@@ -1,5 +1,5 @@
 #pragma once
-// Pictures of events, markers and poses for people to look at.
+// Pictures of events, markers and poses.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -15,11 +15,11 @@
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker::opencv {
 
-/// Colours (blue, green, red) in which events and markers are told apart on a dark ground.
+/// Colours (blue, green, red) that keep events and markers apart on a dark ground.
 namespace color {
 inline const cv::Scalar kGround(28, 24, 22);
 inline const cv::Scalar kOn(178, 138, 84);

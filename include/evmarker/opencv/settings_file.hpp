@@ -68,7 +68,7 @@ class SettingsFile {
     return number(node, field) != 0;
   }
 
-  // Elements row by row; read by hand because ROS leaves out the tag by which OpenCV knows a matrix.
+  // Elements row by row; read by hand because ROS leaves out the tag by which OpenCV recognises a matrix.
   std::vector<double> matrix(const std::string& field) const {
     const cv::FileNode node = required(field);
     if (!node.isMap() || node["rows"].empty() || node["cols"].empty() || node["data"].empty())

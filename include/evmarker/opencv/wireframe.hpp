@@ -28,7 +28,7 @@ inline int read_vertex_number(const SettingsFile& file, const cv::FileNode& edge
   return number;
 }
 
-// A unit vector; zero where the file does not tell it.
+// A unit vector; zero where the file does not have it.
 inline Eigen::Vector3d read_direction(const SettingsFile& file, const cv::FileNode& edge, const std::string& place,
                                       const char* field) {
   if (edge[field].empty()) return Eigen::Vector3d::Zero();
@@ -63,7 +63,7 @@ inline MarkerSegment read_edge(const SettingsFile& file, const cv::FileNode& nod
     file.fail(place + " face_normal is not perpendicular to the edge, which then is not on that face");
   if (edge.dark_side.isZero()) return edge;
   // A direction into the dark face, such as to its middle, is what people have at hand. Of it only the part across the
-  // edge says on which side it is dark; where there is hardly any, nobody can tell which side was meant.
+  // edge says on which side it is dark; where there is hardly any, the side that was meant is unknown.
   if (edge.dark_side.cross(along).norm() < kHardly)
     file.fail(place + " dark_side lies along the edge: it must point to one of its sides");
   edge.dark_side = (edge.dark_side - along * along.dot(edge.dark_side)).normalized();

@@ -16,7 +16,7 @@ class DistinctBest {
     int score = 0;
   };
 
-  /// @param beside nodes are beside each other up to so many steps along every axis
+  /// @param beside nodes up to this number of steps apart along every axis are beside each other
   void restart(int beside) noexcept {
     beside_ = beside;
     count_ = 0;

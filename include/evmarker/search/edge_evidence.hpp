@@ -16,8 +16,8 @@ namespace evmarker {
 /// events row by row, so that it can be spread over many events.
 ///
 /// A cell holds an edge if it and its neighbours have more events than uniform background would give them in one of 200
-/// cells; the background's rate is at most the region's mean. What tells an edge is the distance to the nearest such
-/// cell, against how often that distance occurs in the region: with noise or clutter everywhere, nearness means little.
+/// cells; the background's rate is at most the region's mean. The evidence is the distance to the nearest such cell,
+/// against how often that distance occurs in the region: with noise or clutter everywhere, a small one means little.
 class EdgeEvidence {
  public:
   static constexpr int kFar = 6;          ///< [cells] farther is as bad: there is no event of this edge

@@ -220,7 +220,7 @@ class PoseGridSearch {
     done_ = true;
   }
 
-  // Whether two poses are so far from each other that a tracker does not come from one to the other.
+  // True if two poses are too far from each other for a tracker to come from one to the other.
   bool apart(const Eigen::Isometry3d& T, const Eigen::Isometry3d& U) const noexcept {
     double squared_px = 0;
     for (const Vec3& point : points_)

@@ -4,7 +4,7 @@
 #include <array>
 #include <cstddef>
 
-namespace evmarker {
+namespace evmarker::simd {
 
 /// Numbers that are computed together: one vector of 512 bits, two of 256, four of 128.
 inline constexpr std::size_t kLanes = 8;
@@ -21,7 +21,7 @@ using Lanes = std::array<double, kLanes>;
 
 /// Takes the square root of each lane.
 // Through Eigen: a loop over std::sqrt, which may have to set errno, does not become a vector instruction.
-[[gnu::always_inline]] inline void take_root(Lanes& lanes) noexcept {
+[[gnu::always_inline]] inline void square_roots(Lanes& lanes) noexcept {
   Eigen::Map<Eigen::Array<double, kLanes, 1>> all(lanes.data());
   all = all.sqrt();
 }
@@ -30,4 +30,4 @@ using Lanes = std::array<double, kLanes>;
 [[gnu::always_inline]] inline double larger(double x, double bound) noexcept { return x > bound ? x : bound; }
 [[gnu::always_inline]] inline double smaller(double x, double bound) noexcept { return x < bound ? x : bound; }
 
-}  // namespace evmarker
+}  // namespace evmarker::simd

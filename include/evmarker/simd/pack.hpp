@@ -3,7 +3,7 @@
 #include <array>
 #include <cstddef>
 
-namespace evmarker {
+namespace evmarker::simd {
 
 namespace detail {
 
@@ -40,7 +40,7 @@ using Pair = detail::Vector<128>::InRegister;
 [[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
 [[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
 
-/// So many numbers, all zero at first, in vectors of so many bits: see `in_packs`.
+/// `kNumbers` numbers, all zero at first, in vectors of `kBits` bits: see `in_packs`.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
  public:
@@ -57,7 +57,7 @@ class Pack {
   [[gnu::always_inline]] void scale(double factor) noexcept {
     for (Part& part : parts_) part *= factor;
   }
-  /// Adds, or subtracts, so many times the other.
+  /// Adds, or subtracts, a multiple of the other.
   [[gnu::always_inline]] void add(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += times * other.parts_[i];
   }
@@ -100,4 +100,4 @@ class Pack {
   std::array<Part, kParts> parts_;
 };
 
-}  // namespace evmarker
+}  // namespace evmarker::simd

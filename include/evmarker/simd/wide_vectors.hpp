@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <type_traits>
 
-namespace evmarker {
+namespace evmarker::simd {
 
 namespace detail {
 
@@ -12,7 +12,7 @@ using Bits = std::integral_constant<std::size_t, kBits>;
 
 }  // namespace detail
 
-// Known of GCC alone; others make vectors of what they are told to compile for.
+// GCC alone can; others make vectors for the processor that they compile for.
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
 
 namespace detail {
@@ -51,7 +51,7 @@ template <typename Loops>
     loops();
 }
 
-/// The same for `work(bits)` that has numbers in a `Pack` of so many bits: vectors wider than what a function is
+/// The same for `work(bits)` on `Pack`s of `bits` bits: vectors wider than what a function is
 /// compiled for would be taken apart in memory.
 template <typename Work>
 [[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
@@ -77,4 +77,4 @@ void in_packs(const Work& work) noexcept {
 
 #endif
 
-}  // namespace evmarker
+}  // namespace evmarker::simd

@@ -27,7 +27,7 @@ class LeakSchedule {
     tiles_[tile] = *std::min_element(first, first + TileGrid::kPixelsPerTile);
   }
 
-  /// Whether some pixel of a tile will fire before a time.
+  /// True if some pixel of a tile will fire before a time.
   bool due(std::size_t tile, double until_us) const { return !tiles_.empty() && tiles_[tile] < until_us; }
 
   /// Calls `act(pixel)` for all that will.

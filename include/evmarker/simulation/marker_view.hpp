@@ -78,7 +78,7 @@ class MarkerView {
   }
 
   bool visible() const noexcept { return visible_; }
-  /// Whether the blank side faces the camera.
+  /// True if the blank side faces the camera.
   bool back() const noexcept { return back_; }
   /// Points of the sheet on the plane z = 1, NaN behind the camera.
   const std::array<Vec2, 25>& probes() const noexcept { return probes_; }
@@ -93,8 +93,8 @@ class MarkerView {
     // Clearances are linear extrapolations: kept on the safe side of lens and perspective. A pixel may sleep until its
     // light has changed by 1 %, and then takes the change as part of a ramp: on paper an edge of ink may come closer
     // than on ink an edge of paper.
-    const auto safe = [&](double distance_px, bool on_paper) {
-      return 0.85 * distance_px - (on_paper ? 2.3 : 3.1) * point_spread_px;
+    const auto safe = [&](double distance_px, bool on_sheet) {
+      return 0.85 * distance_px - (on_sheet ? 2.3 : 3.1) * point_spread_px;
     };
     if (!visible_) return {0, 0, 0, std::numeric_limits<double>::infinity()};
     const Vec2 m = sight.m();

@@ -12,7 +12,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
 #include "evmarker/simulation/trajectory.hpp"
 

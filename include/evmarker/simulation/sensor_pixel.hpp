@@ -11,7 +11,7 @@
 namespace evmarker {
 
 /// A pixel with thresholds and a leak of its own, settled at a log intensity.
-/// @param key what tells the pixel from others, however they are stored: it alone and the seed decide what is drawn
+/// @param key identifies the pixel, however pixels are stored: it alone and the seed decide what is drawn
 inline EventPixel make_pixel(const SimulatorSettings& settings, std::uint64_t key, double log_intensity) {
   constexpr std::uint64_t kThresholdStream = 1, kLeakStream = 4;
   Random random(settings.seed, kThresholdStream, key);

@@ -88,7 +88,7 @@ class Simulator {
   static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
   static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // 1 and 4: of make_pixel
 
-  // A stretch of time in which things move in good order, cut into ticks. Frames are made when they are asked for.
+  // A stretch of time in which things move in good order, cut into ticks. Frames are rendered on demand.
   struct Segment {
     double begin_us, end_us;
     SceneRenderer::Motion motion;
@@ -103,7 +103,7 @@ class Simulator {
 
   struct Tile {
     double moved_px = 0;     // sum of its steps' motions
-    float wake_px = kNow;    // the least of its pixels: nothing to do until so much has moved
+    float wake_px = kNow;    // the least of its pixels: nothing to do before that motion
     std::uint64_t cast = 0;  // of what was there last
     bool drifts = false;     // some of its pixels see a moving background
   };
@@ -122,7 +122,7 @@ class Simulator {
     return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
   }
 
-  // One batch: look ahead how things move, draw the noise, take every tile there in steps of its own, let events out.
+  // One batch: predict the motion, draw the noise, advance every tile in steps of its own, release the events.
   void advance() {
     segments_.clear();
     double t = now_us_, drift_px = 0;  // the background takes one step a batch
@@ -247,7 +247,7 @@ class Simulator {
     leaks_.update(progress.tile);
   }
 
-  // Returns the distance moved at which the pixel must be looked at again.
+  // Returns the distance moved at which the pixel is due again.
   float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
                       std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
@@ -287,7 +287,7 @@ class Simulator {
   std::vector<Segment> segments_;
   std::vector<Tile> tiles_;
   std::vector<EventPixel> pixels_;       // in the order of the grid
-  std::vector<float> wake_;              // per pixel: asleep until so much has moved in its tile
+  std::vector<float> wake_;              // per pixel: asleep before that motion in its tile
   std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
   SceneRenderer::Activity activity_, next_activity_;
   LeakSchedule leaks_;

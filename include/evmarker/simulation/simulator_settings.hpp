@@ -14,7 +14,7 @@ struct SimulatorSettings {
   double contrast_threshold_on = 0.25;  ///< step of log intensity that makes an ON event
   double contrast_threshold_off = 0.25;
   double threshold_mismatch = 0.03;   ///< standard deviation of the thresholds from pixel to pixel
-  double refractory_us = 50;          ///< a pixel is dead for so long after its event
+  double refractory_us = 50;          ///< dead time of a pixel after its event
   double pixel_time_constant_us = 0;  ///< of the pixel's first-order low-pass of log intensity; 0 is infinitely fast
   /// Added to that: the photoreceptor is as slow as it is dark. The time constant where the light is 1 (perfect white),
   /// inversely proportional to a pixel's light.
@@ -25,7 +25,7 @@ struct SimulatorSettings {
   double leak_spread = 0.25;     ///< standard deviation of the logarithm of the leak from pixel to pixel
   double latency_jitter_us = 0;  ///< mean of the (exponentially distributed) time an event waits to leave its pixel
   double max_step_px = 0.25;     ///< nothing moves farther within a time step
-  double max_step_us = 1000;     ///< nor is a trajectory asked more rarely
+  double max_step_us = 1000;     ///< longest time between two samples of a trajectory
 };
 
 /// Passes settings that make sense.

@@ -30,7 +30,7 @@ class BackgroundShare {
     others_per_us_ += dt_us / (dt_us + known_us_) * (others_ / dt_us - others_per_us_);
     known_us_ = std::min(known_us_ + dt_us, kMemory_us);
     const Excess now{1.0 * matched_, matched_ - background, background * (1 + matching_to_others_)};
-    // A slow motion does not show in so few events, but adds up over those since the last fast one.
+    // A slow motion does not show in these few events, but adds up over those since the last fast one.
     lately_ = now.signal() < 0.5 ? lately_.faded_by(now) : Excess();
     signal_ = std::max(now.signal(), lately_.signal());
     matched_ = others_ = 0;

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 

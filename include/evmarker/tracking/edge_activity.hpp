@@ -53,7 +53,7 @@ class EdgeActivity {
       return std::nullopt;
     }
     if (swept_px2 < kDistance * length_px) {
-      total_ = 0;  // asked again after as many events, which count together with these
+      total_ = 0;  // due again after as many events, which count together with these
       return std::nullopt;
     }
     const double evidence = weigh(swept_px2);
@@ -124,8 +124,8 @@ class EdgeActivity {
     return printed_ || history_[i].swept_px2 > 3 * length_px;
   }
 
-  // Without length where it is on a side that is turned away, or nearly so: its edges then are too close to each other
-  // to tell whose their events are.
+  // Without length where it is on a side that is turned away, or nearly so: its edges are then too close to each other
+  // to know whose their events are.
   Edge project(const MarkerModel& model, const MarkerSegment& segment, const Eigen::Isometry3d& T) const noexcept {
     const Eigen::Vector3d seen_at = T * model.vertices[static_cast<std::size_t>(segment.from)];
     const double toward_camera = -(T.linear() * segment.face_normal).dot(seen_at);

@@ -10,24 +10,25 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
-#include "evmarker/update/pose_update.hpp"
+#include "evmarker/tracking/choice_lifetime.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
 
 template <PoseUpdateRule Rule>
 struct EdgeFollowerSettings {
   /// The paper's n, matched events. Automatic: as many as the edges make while they move by a tenth of a pixel, at most
-  /// the paper's 100. A rule that does not know the motion lags behind it: for such a one, at the fewest events that
-  /// edges make, one for each pixel that they pass.
+  /// the paper's 100. For a rule without a motion model, which lags behind the motion: as if a pixel made one event in
+  /// a passage, the fewest that there are.
   int events_per_update = kAutomatic;
   SegmentMatcherSettings matching{};  ///< the paper's segment matching
   typename Rule::Settings update{};   ///< gains of the update rule
-  /// Events whose polarity contradicts the motion that the rule predicts for their edge do not update. Does nothing
-  /// with a rule that knows no twist, on edges whose dark side is unknown, and for events of unknown polarity. Off by
-  /// default: at a good pose one event in a thousand contradicts, too few to matter, and at a bad one it is the
-  /// prediction that errs. It pays on a noisy sensor: at 60 Hz/px errors are a twentieth smaller.
+  /// Discards events whose polarity contradicts the motion that the rule predicts for their edge. Has no effect with a
+  /// rule without a twist, on edges whose dark side is unknown, and on events of unknown polarity. Off by default: at a
+  /// good pose one event in a thousand contradicts, too few to matter, and at a bad one it is the prediction that errs.
+  /// It pays on a noisy sensor: at 60 Hz/px errors are a twentieth smaller.
   bool polarity_check = false;
-  double polarity_check_px_s = 50;  ///< slower edges may be about to turn back: not checked [px/s along the normal]
+  double polarity_check_px_per_s = 50;  ///< slower edges may be about to turn back: not checked [px/s along the normal]
 };
 
 /// @throws std::invalid_argument naming the setting that is out of range
@@ -36,9 +37,9 @@ void validate(const EdgeFollowerSettings<Rule>& settings) {
   const Require require("edge follower");
   require(settings.events_per_update >= 1 || settings.events_per_update == kAutomatic, "events_per_update",
           settings.events_per_update);
-  require(settings.polarity_check_px_s >= 0, "polarity_check_px_s", settings.polarity_check_px_s);
+  require(settings.polarity_check_px_per_s >= 0, "polarity_check_px_per_s", settings.polarity_check_px_per_s);
   validate(settings.matching);
-  (void)Rule(settings.update, 1);  // which validates its own
+  (void)Rule(settings.update, 1);  // validates the rule's own
 }
 
 /// What one update rested on.
@@ -48,7 +49,7 @@ struct UpdateStatistics {
   double residual_px = 0;  ///< root mean square distance of the matched events to their segments [px]
 };
 
-/// Follows a wireframe from a known pose on. A copyable value that knows nothing but the events it is given, so that a
+/// Follows a wireframe from a known pose on. A copyable value that depends on nothing but the events pushed, so that a
 /// copy can be run backwards to verify it.
 template <PoseUpdateRule Rule>
 class EdgeFollower {
@@ -64,7 +65,7 @@ class EdgeFollower {
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
         polarity_check_(settings.polarity_check),
-        polarity_check_px_s_(settings.polarity_check_px_s),
+        polarity_check_px_per_s_(settings.polarity_check_px_per_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
     validate(settings);
     if (!matcher_.project(T_camera_marker_))
@@ -72,7 +73,7 @@ class EdgeFollower {
     for (const MarkerSegment& segment : matcher_.model().segments)
       edge_length_m_ += norm(vertex(segment.to) - vertex(segment.from));
     set_events_per_update(events_per_update_);
-    limit_moves();
+    adapt_to_distance();
   }
 
   struct Result {
@@ -82,21 +83,20 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us]; polarity 1 is brighter, -1 darker, 0 unknown.
-  // Inline, as the matching and the rule's `add` are, so that what goes between them stays in registers: through
-  // memory, where it is written in pieces and read by two numbers or as a whole, each event waits for the one before to
-  // be done. A quarter of the time.
+  // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that is
+  // a quarter of the time.
   [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
     if (!matcher_.on_grid()) [[unlikely]]
-      return search(m, t, polarity);
-    return take(m, t, polarity, matcher_.choose(m));
+      return push_off_grid(m, t, polarity);
+    return collect(m, t, polarity, matcher_.choose(m));
   }
 
-  /// Whether events are taken in groups at the present pose. Else one by one.
+  /// True if events can be pushed in groups at the present pose.
   bool in_groups() const noexcept { return matcher_.on_grid() && !polarity_check_; }
 
-  /// Takes events from number `first` on, faster than one by one, while `in_groups()`.
-  /// @param after is called with the number of each and its Result, and says whether to go on
-  /// @return the number of the first that was not taken
+  /// Takes events of a group from number `first` on, faster than one by one; requires `in_groups()`.
+  /// @param after called with the number of each event and its Result; false ends the push after this event
+  /// @return the number of the first event that was not taken
   template <typename After>
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
@@ -113,15 +113,15 @@ class EdgeFollower {
         choice.result = stretch == GridMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
       else
         choice = matcher_.choose_carefully(m);
-      const Result result = take(m, events.t[i], events.polarity[i], choice);
+      const Result result = collect(m, events.t[i], events.polarity[i], choice);
       const bool go_on = after(i, result);
-      if (!go_on || (result.updated && moves_ == 0)) return i + 1;
+      if (!go_on || (result.updated && choices_.fresh())) return i + 1;
     }
     return end;
   }
 
-  /// Takes note of how many events a pixel makes while an edge passes over it: see
-  /// EdgeFollowerSettings::events_per_update. Between updates only.
+  /// Sets how many events a pixel makes while an edge passes over it, see EdgeFollowerSettings::events_per_update. To
+  /// be called between updates only.
   void expect_events_per_px2(double events) noexcept {
     if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
       rule_.set_events_per_px(events * length_px(), events);
@@ -132,32 +132,32 @@ class EdgeFollower {
       rule_.expect_events_per_px2(events, matcher_.focal_length());
     }
   }
-  /// From here on the pose is right, so that many events beside the edges mean that the marker rests: see
+  /// From here on the pose is right, so that many events beside the edges mean that the marker rests, see
   /// BackgroundShare.
   void let_rest() noexcept { may_rest_ = true; }
   int events_per_update() const noexcept { return events_per_update_; }
 
-  /// Events of a motion that says where the marker is: two for each pixel of its edges, at most 500.
+  /// Number of events of a motion long enough to determine the pose: two for each pixel of the edges, at most 500.
   int edge_events() const noexcept { return static_cast<int>(std::clamp(2 * length_px(), 20.0, 500.0)); }
 
-  /// How many matched events are still needed for the next update.
+  /// Matched events that the next update still needs.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
 
-  /// Goes on from another pose, with what the rule has learned so far.
+  /// Goes on from another pose; the rule keeps its state.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
     start_collecting();
-    limit_moves();
+    adapt_to_distance();
   }
 
-  /// Moves the pose on to a later time without events, by a rule that knows how it moves.
+  /// Moves the pose on to a later time without events, by the rule's motion model.
   void extrapolate(Timestamp t) noexcept requires MotionEstimatingRule<Rule> {
     rule_.extrapolate(T_camera_marker_, t);
     start_from(T_camera_marker_);
   }
 
-  /// Prepares to be fed the past, newest event first, with times that go on forward.
+  /// Prepares for past events, the newest first, with times that go on forward.
   void reverse() noexcept {
     rule_.reverse();
     reversed_ = !reversed_;
@@ -189,16 +189,12 @@ class EdgeFollower {
   static constexpr int kFewestTogether = 4;
   static constexpr int kMostEvents = 100;    // the paper's n
   static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
-  // The edges that a pose says the next events belong to are kept for so many matched events at most: with those that
-  // do not match, a group.
-  static constexpr double kChoiceHolds = 32;
-  // And while the pose moves no corner farther than this [px]. One that is not smoothed by a motion moves to and fro
-  // more than the marker moves: only a jump means something.
+  // Edges are chosen anew when a corner has moved farther than this [px]. Without a motion model the pose moves to and
+  // fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
-  // Called where nothing has been collected. However fast the marker is: a tenth as many events as its edges are long
-  // in the image move it by half a pixel at most.
-  void limit_moves() noexcept {
+  // Sets what depends on the projected length of the edges. Called where nothing has been collected.
+  void adapt_to_distance() noexcept {
     const double length_px = this->length_px();
     if (automatic_) {
       const double events = std::clamp(kMotion_px * std::max(events_per_px2_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
@@ -208,12 +204,10 @@ class EdgeFollower {
     }
     if constexpr (RestingRule<Rule>)
       if (std::abs(length_px - sampled_length_px_) > length_px / 8) sample_background(length_px);
-    const double updates = std::min(kChoiceHolds, length_px / 10) / events_per_update_;
-    moves_at_most_ = updates > 1 ? static_cast<int>(updates) : 1;
-    moves_ = 0;
+    choices_.begin(length_px, events_per_update_);
   }
 
-  // Which share of a uniform background near the edges matches them: by points spread evenly where it is near.
+  // Which share of a uniform background near the edges matches them, by points spread evenly there.
   void sample_background(double length_px) noexcept {
     constexpr int kPoints = 512;
     constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
@@ -244,22 +238,21 @@ class EdgeFollower {
 
   Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
-  // How many events should be matched together: those after the last update at which the choices hold would have to be
-  // matched again.
+  // How many events to match together: any later ones would have to be matched again.
   std::size_t matched_at_once() const noexcept {
-    const auto left = static_cast<std::size_t>((moves_at_most_ - moves_) * events_per_update_ - matched_);
-    return std::min(GridMatcher::Choices::kMost, (left + left / 4 + kLanes - 1) / kLanes * kLanes);
+    const auto left = static_cast<std::size_t>(choices_.events_left(events_per_update_, matched_));
+    return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
 
-  // Whether the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
-  // backwards in time it moves out of the dark and yet its events are the same. A wrong twist must not keep away the
-  // events that would correct it: an edge most of whose last events contradict is not sure of its motion.
+  // True if the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
+  // backwards in time it moves out of the dark, and yet its events are the same. A wrong twist must not discard the
+  // events that would correct it: if most of an edge's last events contradict, they all count.
   bool contradicts(const Correspondence& c, bool on) noexcept {
     if (!c.dark_side_known) return false;
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);
-    const double speed_px_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
-    if (!(std::abs(speed_px_s) > polarity_check_px_s_)) return false;
-    const bool brighter = (speed_px_s > 0) != reversed_;
+    const double speed_px_per_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
+    if (!(std::abs(speed_px_per_s) > polarity_check_px_per_s_)) return false;
+    const bool brighter = (speed_px_per_s > 0) != reversed_;
     float& share = contradicted_[static_cast<std::size_t>(c.segment)];
     share += ((brighter != on ? 1.0f : 0.0f) - share) / 8;  // six in a row reach the half
     return brighter != on && share < 0.5f;
@@ -270,8 +263,9 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  // What becomes of an event that has been matched on the grid.
-  [[gnu::always_inline]] Result take(Vec2 m, Timestamp t, double polarity, const GridMatcher::Choice& choice) noexcept {
+  // Collects an event that was matched on the grid, and updates if it is the last one that was needed.
+  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity,
+                                        const GridMatcher::Choice& choice) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
     if (choice.result != MatchResult::matched) {
       ++offered_;
@@ -281,15 +275,15 @@ class EdgeFollower {
       ++offered_;
       waiting_.set(waiting_.count++, m.x, m.y, t, polarity, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
-      if (waiting_.count == kLanes || enough) add_waiting();
+      if (waiting_.count == simd::kLanes || enough) add_waiting();
       return {choice.result, enough && update(t), choice.edge->segment};
     }
     Correspondence correspondence;
-    return take(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, polarity);
+    return collect(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, polarity);
   }
 
-  [[gnu::always_inline]] Result take(MatchResult match, Correspondence& correspondence, Timestamp t,
-                                     double polarity) noexcept {
+  [[gnu::always_inline]] Result collect(MatchResult match, Correspondence& correspondence, Timestamp t,
+                                        double polarity) noexcept {
     if (match == MatchResult::far) return {match};
     ++offered_;
     if (match != MatchResult::matched) return {match};
@@ -303,20 +297,19 @@ class EdgeFollower {
     return {match, enough && update(t), correspondence.segment};
   }
 
-  // Off the grid.
-  [[gnu::noinline]] Result search(Vec2 m, Timestamp t, double polarity) noexcept {
+  [[gnu::noinline]] Result push_off_grid(Vec2 m, Timestamp t, double polarity) noexcept {
     Correspondence correspondence;
-    return take(matcher_.match(m, correspondence), correspondence, t, polarity);
+    return collect(matcher_.match(m, correspondence), correspondence, t, polarity);
   }
 
   [[gnu::noinline]] void add_waiting() noexcept {
     if constexpr (GroupUpdateRule<Rule>) {
-      in_wide_vectors([&]() __attribute__((always_inline)) {
+      simd::in_wide_vectors([&]() __attribute__((always_inline)) {
         Correspondences c;
         correspond(matcher_.projected(), waiting_, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
-        for (std::size_t i = 0; i < kLanes; ++i) c.distance_px[i] *= c.is_event[i] * c.distance_px[i];
-        squared_px_ += sum(c.distance_px);
+        for (std::size_t i = 0; i < simd::kLanes; ++i) c.distance_px[i] *= c.is_event[i] * c.distance_px[i];
+        squared_px_ += simd::sum(c.distance_px);
       });
       waiting_.count = 0;
     }
@@ -333,9 +326,9 @@ class EdgeFollower {
       return false;
     }
     const unsigned lookups = matcher_.lookups();
-    const bool renew = ++moves_ >= moves_at_most_;
-    in_front_ = renew ? matcher_.project(T_camera_marker_) : matcher_.move(T_camera_marker_, kChoiceHolds_px);
-    if (matcher_.lookups() != lookups) limit_moves();
+    in_front_ = choices_.over_after_update() ? matcher_.project(T_camera_marker_)
+                                             : matcher_.move(T_camera_marker_, kChoiceHolds_px);
+    if (matcher_.lookups() != lookups) adapt_to_distance();
     expect_motion();
     return true;
   }
@@ -361,10 +354,10 @@ class EdgeFollower {
   bool may_rest_ = false;
   double sampled_length_px_ = 0;  // of the edges when the background was sampled
   bool added_together_ = false;
-  double edge_length_m_ = 0;           // of the model
-  int moves_at_most_ = 1, moves_ = 0;  // updates since edges were chosen at a new pose
+  double edge_length_m_ = 0;  // of the model
+  ChoiceLifetime choices_;
   bool polarity_check_;
-  double polarity_check_px_s_;
+  double polarity_check_px_per_s_;
   bool reversed_ = false;
   std::optional<Vec6> twist_;        // of the last update, for the polarity check
   std::vector<float> contradicted_;  // by segment: running share of the events that contradict its motion

@@ -5,7 +5,7 @@
 #include <ranges>
 #include <span>
 
-#include "evmarker/tracking/found_marker.hpp"
+#include "evmarker/tracking/planar_hypotheses.hpp"
 
 namespace evmarker {
 
@@ -21,7 +21,7 @@ class MarkerRange : public std::ranges::view_base {
     using iterator_concept = std::forward_iterator_tag;
 
     iterator() = default;
-    explicit iterator(const FoundMarker<Rule>* marker) noexcept : marker_(marker) {}
+    explicit iterator(const PlanarHypotheses<Rule>* marker) noexcept : marker_(marker) {}
     const MarkerTracker<Rule>& operator*() const noexcept { return marker_->tracker(); }
     const MarkerTracker<Rule>* operator->() const noexcept { return &marker_->tracker(); }
     iterator& operator++() noexcept {
@@ -32,11 +32,11 @@ class MarkerRange : public std::ranges::view_base {
     bool operator==(const iterator&) const = default;
 
    private:
-    const FoundMarker<Rule>* marker_ = nullptr;
+    const PlanarHypotheses<Rule>* marker_ = nullptr;
   };
 
   MarkerRange() = default;
-  explicit MarkerRange(std::span<const FoundMarker<Rule>> markers) noexcept : markers_(markers) {}
+  explicit MarkerRange(std::span<const PlanarHypotheses<Rule>> markers) noexcept : markers_(markers) {}
   iterator begin() const noexcept { return iterator(markers_.data()); }
   iterator end() const noexcept { return iterator(markers_.data() + markers_.size()); }
   std::size_t size() const noexcept { return markers_.size(); }
@@ -44,7 +44,7 @@ class MarkerRange : public std::ranges::view_base {
   const MarkerTracker<Rule>& front() const noexcept { return *begin(); }
 
  private:
-  std::span<const FoundMarker<Rule>> markers_;
+  std::span<const PlanarHypotheses<Rule>> markers_;
 };
 
 }  // namespace evmarker

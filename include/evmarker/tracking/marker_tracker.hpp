@@ -11,8 +11,9 @@
 #include <tuple>
 #include <utility>
 
+#include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/time_guard.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/search/start_pose_search.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
@@ -28,7 +29,7 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
  public:
   using Settings = MarkerTrackerSettings<Rule>;
-  /// Events may be missing for so long without harm: edges at 2000 px/s move by the matching distance.
+  /// A gap that does no harm: in it, an edge at 2000 px/s moves by the matching distance.
   static constexpr std::chrono::milliseconds kBriefly{1};
 
   /// @param camera anything that an UndistortionTable can be made of, or a table to share
@@ -52,89 +53,52 @@ class MarkerTracker {
     }
   }
 
-  /// Takes one event. A pose every `events_per_update` matched ones, valid until the next push, and one last pose with
-  /// state `lost` when the marker is lost; after that, nothing (null). An event with a time that may be wrong waits for
-  /// the next one, see TimeGuard; where both lead to a pose, the later one is returned.
+  /// Takes one event. Returns a pose after every `events_per_update` matched ones, valid until the next push, and null
+  /// otherwise. The last pose of all has state `lost`. An event whose time is suspect waits for the next one, see
+  /// TimeGuard; if both lead to a pose, the later one is returned.
   template <EventLike E>
-  [[gnu::flatten]] const PoseEstimate* push(const E& foreign_event) noexcept {
-    const Event event = to_event(foreign_event);
-    if (!guard_.passes(event.t)) [[unlikely]]
-      return push_carefully(Event(event));
-    guard_.passed(event.t);
-    return push_in_time(event);
+  [[gnu::flatten]] const PoseEstimate* push(const E& event) noexcept {
+    const Event own = to_event(event);
+    const PoseEstimate* last = nullptr;
+    push(std::span(&own, 1), [&](const PoseEstimate& pose) { last = &pose; });
+    return last;
   }
 
-  /// Takes many events, with the same poses and faster: `use(pose)` is called with each, valid during the call.
-  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  /// Takes events and calls `use(pose)` with each pose, valid during the call: the same poses as one by one, and
+  /// faster.
+  template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
-    std::span<const std::ranges::range_value_t<Events>> events(all);
-    const auto t = [&](std::size_t i) { return EventTraits<std::ranges::range_value_t<Events>>::t(events[i]); };
-    while (!events.empty()) {
-      std::size_t count = 0;  // of those that need not wait
-      const std::size_t most = std::min(events.size(), kTogether);
-      if (guard_.passes(t(0)))
-        for (count = 1; count < most && TimeGuard::near(t(count - 1), t(count));) ++count;
-      if (count > 0) {
-        push_in_time(events.first(count), use);
-        guard_.passed(t(count - 1));
-      } else if (const PoseEstimate* const pose = push(events.front())) {
-        use(*pose);
+  void push(const Events& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    for_each_block(events, [&](std::span<const Event> block) {
+      while (!block.empty()) {
+        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kTogether)));
+        if (count > 0) {
+          push_in_time(block.first(count), use);
+          guard_.passed(block[count - 1].t);
+        } else {
+          push_suspect(block.front(), use);
+        }
+        block = block.subspan(std::max<std::size_t>(count, 1));
       }
-      events = events.subspan(std::max<std::size_t>(count, 1));
+    });
+  }
+
+  /// Takes events whose times have been judged by the caller's own TimeGuard: as `push` otherwise.
+  template <std::invocable<const PoseEstimate&> Use>
+  void push_in_time(std::span<const Event> events,
+                    const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+    while (!events.empty() && state_ != TrackingState::lost) {
+      const bool single = events.size() == 1 || starting_ || !follower_.in_groups();
+      const std::size_t taken = single ? push_one(events.front(), use) : push_group(events, use);
+      events = events.subspan(taken);
     }
   }
 
   /// Events that were discarded because the events before and after contradict their times.
   std::uint64_t time_faults() const noexcept { return guard_.faults(); }
 
-  /// Takes one event whose time need not be judged: as `push` otherwise.
-  template <EventLike E>
-  [[gnu::always_inline]] const PoseEstimate* push_in_time(const E& foreign_event) noexcept {
-    const Event event = to_event(foreign_event);
-    if (state_ == TrackingState::lost || !lines_.sensor_size().contains(event.x, event.y)) return nullptr;
-    const Vec2 m = lines_(event);
-    if (starting_) [[unlikely]]
-      return start(Event(event), m);                                  // a copy: `event` itself stays in registers
-    return note(event, follower_.push(m, event.t, polarity(event)));  // a NaN direction is far from everything
-  }
-
-  /// The same, not inlined: for where speed matters less than the code's size.
-  template <EventLike E>
-  [[gnu::flatten, gnu::noinline]] const PoseEstimate* push_one_in_time(const E& event) noexcept {
-    return push_in_time(event);
-  }
-
-  /// Takes many events whose times need not be judged: as `push` otherwise.
-  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
-  requires EventLike<std::ranges::range_value_t<Events>>
-  void push_in_time(const Events& all, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
-    std::span<const std::ranges::range_value_t<Events>> events(all);
-    while (!events.empty() && state_ != TrackingState::lost) {
-      if (starting_ || !follower_.in_groups()) {
-        if (const PoseEstimate* const pose = push_one_in_time(events.front())) use(*pose);
-        events = events.subspan(1);
-        continue;
-      }
-      EventGroup group;
-      group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
-        const Event event = to_event(events[i]);
-        const bool on_sensor = lines_.sensor_size().contains(event.x, event.y);
-        return std::tuple(on_sensor ? lines_(event) : UndistortionTable::nowhere(), event.t, polarity(event));
-      });
-      const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
-        if (const PoseEstimate* const pose = note(to_event(events[i]), result)) use(*pose);
-        return state_ != TrackingState::lost;
-      };
-      std::size_t taken = 0;
-      while (taken < group.count() && follower_.in_groups() && state_ != TrackingState::lost)
-        taken = follower_.push(group, taken, after);
-      events = events.subspan(taken);
-    }
-  }
-
-  /// The events of a time are missing, dropped by a queue or a camera. A rule that knows the marker's motion bridges it
-  /// as long as it knows the edges to within the matching distance, any other one for a millisecond.
+  /// Goes on after a gap in which a queue or a camera dropped events. A rule that estimates the motion bridges it as
+  /// long as it predicts the edges to within the matching distance, any other one for a millisecond.
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kBriefly) return nullptr;
@@ -160,23 +124,22 @@ class MarkerTracker {
     return describe(pose);
   }
 
-  /// The same, valid until the next push.
-  const PoseEstimate& tell() noexcept { return describe(pose_); }
-
-  /// The pose at a time at or after the last event, by the velocity of a rule that knows one. Its covariance grows
-  /// with its age; hardly until `heard`, before which all events have been pushed: a marker that moves makes some.
+  /// The pose at a time at or after the last event, predicted by a rule that estimates the velocity. Its covariance
+  /// grows with its age.
+  /// @param heard all events before this time have been pushed: until then it hardly grows, as a moving marker makes
+  /// some
   PoseEstimate pose_at(Timestamp t, Timestamp heard = kNothingHeard) const noexcept {
     return extrapolated(estimate(), follower_.rule(), t, heard);
   }
 
-  /// Declares the marker lost, for a reason that only the caller knows; the last pose.
+  /// Declares the marker lost, for a reason that only the caller knows. Returns the last pose.
   [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
     state_ = TrackingState::lost;
     pose_.quality.loss_reason = reason;
-    return tell();
+    return report();
   }
 
-  /// While the caller knows of another pose that may be the right one, this one stays `converging`.
+  /// Keeps the state `converging` while the caller has another pose that may be the right one.
   void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
   /// See EdgeFollower::misfit_px2.
   double misfit_px2(const Event& event) const noexcept {
@@ -192,21 +155,21 @@ class MarkerTracker {
   /// True while it tracks and no evidence speaks against that.
   bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
 
-  /// True if no sequence of so many events can change the pose, the state or `reliable()`.
+  /// True if no sequence of `events` events can change the pose, the state or `reliable()`.
   bool stays(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
     return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
            health_.stays(events);
   }
 
-  /// Whether the marker is still searched around its start pose: the state is `converging`, there is no pose yet.
+  /// True while the marker is searched around its start pose: the state is `converging`, there is no pose yet.
   bool searching() const noexcept { return starting_ && start_search_->searching(); }
-  /// How the search goes, or went; null without one.
+  /// The search around the start pose, also when it is over; null without one.
   const StartPoseSearch* start_search() const noexcept { return start_search_ ? &*start_search_ : nullptr; }
 
   MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
-  /// As poses say it: one that evidence speaks against is no longer `tracking`, though it may be again.
+  /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it.
   TrackingState state() const noexcept {
     return state_ == TrackingState::tracking && health_.doubtful() ? TrackingState::converging : state_;
   }
@@ -214,19 +177,45 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // One that its time holds back, or that decides about one that was held back.
-  [[gnu::noinline]] const PoseEstimate* push_carefully(const Event& event) noexcept {
-    const PoseEstimate* released = nullptr;
+  // An event that its time holds back, or that confirms one that was held back.
+  template <typename Use>
+  [[gnu::noinline]] void push_suspect(const Event& event, const Use& use) {
     if (guard_.releases(event.t)) {
       guard_.judge(event);
-      released = push_one_in_time(Event(guard_.held()));
+      push_one(Event(guard_.held()), use);
     }
-    if (guard_.judge(event) != TimeGuard::Verdict::pass) return released;
-    const PoseEstimate* const pose = push_one_in_time(event);
-    return pose != nullptr ? pose : released;
+    if (guard_.judge(event) == TimeGuard::Verdict::pass) push_one(event, use);
   }
 
-  // What an event does to the follower, and to what is known of its quality.
+  template <typename Use>
+  [[gnu::always_inline]] std::size_t push_one(const Event& event, const Use& use) {
+    if (!lines_.sensor_size().contains(event.x, event.y)) return 1;
+    const Vec2 m = lines_(event);
+    const PoseEstimate* const pose =
+        starting_ ? start(event, m) : note(event, follower_.push(m, event.t, polarity(event)));
+    if (pose != nullptr) use(*pose);
+    return 1;
+  }
+
+  // Several events by loops that become vector instructions. Returns how many were taken.
+  template <typename Use>
+  [[gnu::noinline]] std::size_t push_group(std::span<const Event> events, const Use& use) {
+    EventGroup group;
+    group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
+      const bool on_sensor = lines_.sensor_size().contains(events[i].x, events[i].y);
+      return std::tuple(on_sensor ? lines_(events[i]) : UndistortionTable::nowhere(), events[i].t, polarity(events[i]));
+    });
+    const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
+      if (const PoseEstimate* const pose = note(events[i], result)) use(*pose);
+      return state_ != TrackingState::lost;
+    };
+    std::size_t taken = 0;
+    while (taken < group.count() && follower_.in_groups() && state_ != TrackingState::lost)
+      taken = follower_.push(group, taken, after);
+    return taken;
+  }
+
+  // What a followed event means: for the health, for the verification, for the state. Returns the pose of an update.
   [[gnu::always_inline]] const PoseEstimate* note(const Event& event,
                                                   const typename EdgeFollower<Rule>::Result& result) noexcept {
     const auto [match, updated, segment] = result;
@@ -243,7 +232,7 @@ class MarkerTracker {
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
     if (health_.edges_due()) judge_edges();
-    return &tell();
+    return &report();
   }
 
   void count_update() noexcept {
@@ -252,8 +241,8 @@ class MarkerTracker {
     if (state_ == TrackingState::converging) converge();
   }
 
-  // The first updates refine the start; what happens in them says nothing yet. Once the edges are known to within the
-  // matching distance, what follows is evidence, and a way back over it decides.
+  // The first updates refine the start and are no evidence. Once the edges are known to within the matching distance,
+  // what follows is evidence, and a way back over it decides.
   [[gnu::noinline]] void converge() noexcept {
     converging_since_ = std::min(converging_since_, t_);
     if (!settled_ && settles()) {
@@ -284,6 +273,8 @@ class MarkerTracker {
       follower_.expect_events_per_px2(health_.events_per_px2());
   }
 
+  const PoseEstimate& report() noexcept { return describe(pose_); }
+
   // In place: at a pose for every event, making and copying one would cost as much as the matching.
   PoseEstimate& describe(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
@@ -303,7 +294,7 @@ class MarkerTracker {
     return pose;
   }
 
-  // Searches; then replays the events from when the marker was found, a few with each that comes, until none is left.
+  // Searches; then replays the events since the marker was found, a few with each new one, until none is left.
   [[gnu::noinline]] const PoseEstimate* start(const Event& event, Vec2 m) noexcept {
     constexpr int kReplayed = 8;
     if (searching()) {
@@ -323,8 +314,8 @@ class MarkerTracker {
     return pose;
   }
 
-  // What a way back says. While the tracker converges, a start that was off fails it without being wrong. Later, one
-  // failure may be chance and has the next window begin at once; two in a row are no chance.
+  // Takes the result of a verification. A converging tracker may fail it because its start was off. Later, one failure
+  // may be chance, and the next window begins at once; two in a row are no chance.
   [[gnu::noinline]] void note(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
@@ -338,15 +329,14 @@ class MarkerTracker {
     verification_.start_window(follower_);
   }
 
-  // With less than half of the marker left in the image, no more events will come to tell where it went.
+  // With less than half of the marker in the image, too few events are left to follow it.
   bool out_of_image() const noexcept {
     const Vec3 centre = transform(follower_.T_camera_marker(), centre_);
     const Vec2 low = centre.z * lines_.image().low, high = centre.z * lines_.image().high;
     return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
   }
 
-  // Whether every point of the model is known in the image to within the matching distance: root of the sum of both
-  // variances.
+  // True if every vertex is known in the image to within the matching distance: root of the sum of both variances.
   bool knows_edges(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
@@ -354,7 +344,7 @@ class MarkerTracker {
            });
   }
 
-  static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // whose times are judged while they are at hand
+  static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // times judged at once: they stay in the cache
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
 
   Settings settings_;
@@ -365,7 +355,7 @@ class MarkerTracker {
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
   Vec3 centre_;                                  // of the model's bounding box, marker frame [m]
-  PoseEstimate pose_;                            // the last one that was told, but what verification found is as of now
+  PoseEstimate pose_;                            // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since then
   Timestamp t_ = 0;

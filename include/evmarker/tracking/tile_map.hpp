@@ -1,5 +1,5 @@
 #pragma once
-// Which of many markers an event may belong to, without asking each.
+// Which of many markers an event may belong to, in constant time.
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace evmarker {
 
-/// The image in tiles, each of which knows the markers whose events may fall into it. Markers are counted from 0. After
-/// `resize` nothing throws or allocates.
+/// The image in tiles, each with the markers whose events may fall into it. Markers are counted from 0. After `resize`
+/// nothing throws or allocates.
 class TileMap {
  public:
   explicit TileMap(const UndistortionTable& lines)
@@ -34,16 +34,16 @@ class TileMap {
       }
   }
 
-  /// Forgets all markers; from now on there are so many, nowhere yet.
+  /// Sets the number of markers; none has a place yet.
   void resize(std::size_t markers) {
     areas_.assign(markers, Box());
     markers_.assign(markers_.size(), 0);
   }
 
-  /// Where a marker may have events from now on, as (X/Z, Y/Z) of their lines of sight.
+  /// Sets where a marker may have events, as (X/Z, Y/Z) of their lines of sight.
   void move(std::size_t marker, const Box& reach) noexcept {
     if (areas_[marker].contains(reach)) return;
-    // With a margin, so that it need not be entered anew at every step.
+    // With a margin, so that small motions change nothing.
     const Box before = areas_[marker], now = reach.widened(margin_);
     areas_[marker] = now;
     const std::uint64_t bit = bit_of(marker);
@@ -54,7 +54,7 @@ class TileMap {
     }
   }
 
-  /// Whether an event on the sensor may belong to more than one marker.
+  /// True if an event on the sensor may belong to more than one marker.
   bool shared(const Event& event, const UndistortionTable& lines) const noexcept {
     const std::uint64_t bits = markers_[tile(event)];
     if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
@@ -78,7 +78,7 @@ class TileMap {
 
   static std::size_t tiles(int pixels) noexcept { return (static_cast<std::size_t>(pixels) + kTile_px - 1) / kTile_px; }
   std::size_t tile(const Event& event) const noexcept { return event.y / kTile_px * columns_ + event.x / kTile_px; }
-  // The 65th marker shares the bit of the first: either is asked where the other may have events.
+  // The 65th marker shares the bit of the first: both get the tiles of either.
   static std::uint64_t bit_of(std::size_t marker) noexcept { return std::uint64_t{1} << (marker % kBits); }
   bool somebody_reaches(const Box& tile, std::size_t first) const noexcept {
     for (std::size_t i = first; i < areas_.size(); i += kBits)

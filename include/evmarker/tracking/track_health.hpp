@@ -1,5 +1,5 @@
 #pragma once
-// Whether a marker is followed: evidence for and against it, one probability, and the reason when it is lost.
+// Is a marker followed? The evidence for and against it, its probability, and the reason of a loss.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/tracking/edge_activity.hpp"
 
 namespace evmarker {
@@ -50,7 +50,7 @@ class TrackHealth {
 
   /// True once there are events enough to be judged.
   bool due() const noexcept { return matched_ + near_ >= kTogether; }
-  /// True if so many more events do not suffice for that.
+  /// True if it takes more than `events` more events for that.
   bool stays(std::size_t events) const noexcept {
     return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kTogether);
   }
@@ -133,7 +133,7 @@ class TrackHealth {
     summarise();
   }
 
-  // Here and not where it is asked for, which is with every event.
+  // Here and not in `probability`, which is called with every event.
   void summarise() noexcept {
     lost_ = least() <= -bound_;
     probability_ = 1 / (1 + std::exp(-least()));

@@ -23,34 +23,27 @@ class Tracker {
   Tracker(const Camera& camera, Detector detector, const Settings& settings = {})
       : Tracker(camera, std::move(detector), settings, Filter(camera.sensor_size(), settings.filter_window)) {}
 
-  /// The same with a filter of one's own.
+  /// With a filter of one's own.
   template <CameraModel Camera>
   Tracker(const Camera& camera, Detector detector, const Settings& settings, Filter filter)
-      : core_(camera, settings, std::move(filter)), detector_(std::move(detector)) {}
-
-  /// Takes one event. Returns the poses that it led to, valid until the next push.
-  template <EventLike E>
-  std::span<const PoseEstimate> push(const E& foreign_event) {
-    core_.push(to_event(foreign_event), [this](const Event& event) { look_after(event.t); });
-    return core_.poses();
+      : core_(camera, settings, std::move(filter)), detector_(std::move(detector)) {
+    poses_.reserve(settings.max_markers);
   }
 
-  /// Takes many events and calls `use(pose)` with each pose that they led to, in order of time: the same as one by one,
-  /// and faster.
+  /// Takes one event. Returns the poses that it leads to, valid until the next push.
+  template <EventLike E>
+  std::span<const PoseEstimate> push(const E& event) {
+    poses_.clear();
+    push(std::span(&event, 1), [this](const PoseEstimate& pose) { poses_.push_back(pose); });
+    return poses_;
+  }
+
+  /// Takes events and calls `use(pose)` with each pose that they lead to, in order of time, valid during the call: the
+  /// same poses as one by one, and faster.
   template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events, const Use& use) {
-    if constexpr (std::same_as<std::ranges::range_value_t<Events>, Event>) {
-      push_own(std::span<const Event>(events), use);
-    } else {
-      std::array<Event, 256> own;
-      for (std::span<const std::ranges::range_value_t<Events>> left(events); !left.empty();) {
-        const std::size_t count = std::min(left.size(), own.size());
-        std::ranges::transform(left.first(count), own.begin(), [](const auto& event) { return to_event(event); });
-        push_own(std::span<const Event>(own).first(count), use);
-        left = left.subspan(count);
-      }
-    }
+    for_each_block(events, [&](std::span<const Event> block) { track(block, use); });
   }
 
   const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
@@ -60,30 +53,28 @@ class Tracker {
 
  private:
   template <typename Use>
-  void push_own(std::span<const Event> events, const Use& use) {
+  void track(std::span<const Event> events, const Use& use) {
     while (!events.empty()) {
-      bool due = false;
-      Timestamp t = 0;
+      std::optional<Timestamp> due;
       const auto stop = [&](const Event& event) {
-        t = event.t;
-        return due = core_.look_due(t) || core_.answer_due(t);
+        if (core_.detection_due(event.t) || core_.result_due(event.t)) due = event.t;
+        return due.has_value();
       };
-      const std::size_t taken = core_.push(events, stop, use);
-      if (due) look_after(t);
-      std::ranges::for_each(core_.poses(), use);
-      events = events.subspan(taken);
+      events = events.subspan(core_.push(events, stop, use));
+      if (due) run_detector(*due, use);
     }
   }
 
-  // Looks at the polarity frame, or takes what was found, if it is time for that.
-  void look_after(Timestamp t) {
-    if (core_.look_due(t)) findings_ = answer(detector_, core_.polarity_frame(), core_.look(t));
-    if (core_.answer_due(t)) core_.take(findings_);
+  template <typename Use>
+  void run_detector(Timestamp t, const Use& use) {
+    if (core_.detection_due(t)) result_ = detect(detector_, core_.polarity_frame(), core_.request_detection(t));
+    if (core_.result_due(t)) core_.register_markers(result_, use);
   }
 
   TrackerCore<Rule, Filter> core_;
   Detector detector_;
-  Findings findings_;  // of the last look
+  DetectionResult result_;           // of the last detection
+  std::vector<PoseEstimate> poses_;  // that the last single event led to
 };
 
 }  // namespace evmarker

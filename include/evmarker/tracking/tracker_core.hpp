@@ -1,5 +1,5 @@
 #pragma once
-// Many markers from what a detector finds, whenever that is told: filter, register, track, verify, drop.
+// Tracks many markers, given what a detector finds: filter, register, track, verify, drop.
 #include <algorithm>
 #include <chrono>
 #include <concepts>
@@ -10,32 +10,30 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/detection/look.hpp"
+#include "evmarker/detection/detection_request.hpp"
 #include "evmarker/events/event_history.hpp"
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/by_time.hpp"
-#include "evmarker/tracking/candidates.hpp"
-#include "evmarker/tracking/found_marker.hpp"
-#include "evmarker/tracking/look_schedule.hpp"
+#include "evmarker/tracking/confirmed_markers.hpp"
+#include "evmarker/tracking/detection_schedule.hpp"
 #include "evmarker/tracking/marker_range.hpp"
-#include "evmarker/tracking/tracked_markers.hpp"
+#include "evmarker/tracking/planar_hypotheses.hpp"
+#include "evmarker/tracking/tentative_markers.hpp"
 #include "evmarker/tracking/tracker_settings.hpp"
 
 namespace evmarker {
 
-/// Everything that tracks markers but the detector: says when a look at the polarity frame is due, and is told at any
-/// time after it what was found. What `Tracker` is made of, for those who run the detector elsewhere. Between looks
-/// nothing throws or allocates.
+/// A `Tracker` without its detector, for those who run the detector elsewhere: it says when a detection is due, and
+/// takes the result whenever that is there. Between detections nothing throws or allocates.
 ///
-/// The noise filter stands before the polarity frame, the looks and the history, where each noise event counts as much
-/// as an edge's. Markers that are tracked take all events: of those that fall on the few pixels of their edges, far
-/// more are theirs than noise, and the filter would take the first ones of a slow edge away.
+/// The noise filter stands before the polarity frame, the detections and the history, where each noise event counts as
+/// much as an edge's. Markers that are tracked take all events: of those on the few pixels of their edges far more are
+/// theirs than noise, and the filter would remove the first ones of a slow edge.
 ///
-/// An event with a time that may be wrong waits for the next one, and one with a wrong time is discarded, see
-/// TimeGuard.
+/// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -49,9 +47,9 @@ class TrackerCore {
         filter_(std::move(filter)),
         frame_(camera.sensor_size()),
         history_(settings.history_events),
-        looks_(settings),
-        markers_(lines_, settings.max_markers),
-        candidates_(settings.max_markers),
+        schedule_(settings),
+        confirmed_(lines_, settings.max_markers),
+        tentative_(settings.max_markers),
         by_time_(settings.max_markers + kBetweenChecks) {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
@@ -59,131 +57,96 @@ class TrackerCore {
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
 
-  /// Takes one event, and the one before it if that had to wait; `poses()` are then those that they led to. Calls
-  /// `after(event)` after each that has passed the noise filter.
-  template <std::invocable<const Event&> After>
-  void push(const Event& event, const After& after) {
-    poses_.clear();
-    TimeGuard::Verdict verdict;
-    do {
-      check();
-      verdict = judge(event);
-      if (verdict == TimeGuard::Verdict::release) take_one(guard_.held(), after);
-    } while (verdict == TimeGuard::Verdict::release);
-    ++statistics_.events;
-    if (verdict == TimeGuard::Verdict::pass) take_one(event, after);
-  }
-
-  /// Takes the first of some events, but none after one about which `stop(event)` is true: asked of each that has
-  /// passed the noise filter. Calls `use(pose)` with each pose, in order of time: the same as one by one, and faster.
-  /// None are left in `poses()`.
-  /// @return how many were taken: none if it was time for one that had waited
+  /// Takes events from the first on, up to and with one for which `stop(event)` is true; it is called with each event
+  /// that has passed the noise filter. Calls `use(pose)` with each pose that they lead to, in order of time, valid
+  /// during the call.
+  /// @return how many events were taken; none if one that had waited was taken instead
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
-    poses_.clear();
-    if (!candidates_.empty() || guard_.releases(events.front().t)) return push_first(events.front(), stop, use);
-    events = events.first(
-        std::min({events.size(), kTogether * std::max<std::size_t>(markers_.size(), 1), std::size_t{kBetweenChecks}}));
-    std::size_t taken = 0;
-    for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
-      const Event& event = events[taken];
-      if (events.size() - taken > kAhead) prefetch(events[taken + kAhead]);
-      if (statistics_.events % kBetweenChecks == 0) [[unlikely]]
-        check_meanwhile();
-      if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
-        break;
-      ++statistics_.events;
-      if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
-        continue;
-      const Entry entry = enter(event);
-      if (entry == Entry::off_sensor) continue;
-      markers_.push_soon(event, delivering());
-      if (entry == Entry::supported) stopped = stop(event);
-    }
-    markers_.push_waiting(delivering());
-    if (!poses_.empty()) drop_lost();
-    by_time_.hand_over(poses_, use);
+    const bool single = events.size() == 1 || !tentative_.empty() || guard_.releases(events.front().t);
+    const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
+    hand_over(use);
     return taken;
   }
 
-  /// Time of the event that is taken next if this one comes, which may be one that has waited; null if this one has to
-  /// wait [us].
+  /// Time of the event that is taken next if this one is pushed, which may be one that has waited; nothing if this one
+  /// has to wait [us].
   std::optional<Timestamp> next_t(const Event& event) const noexcept { return guard_.next_t(event.t); }
 
-  /// Whether a marker that was found has not seen all events yet that came since the look.
-  bool behind() const noexcept { return !candidates_.caught_up(history_); }
+  /// True while a marker that was detected has not been given all events since.
+  bool behind() const noexcept { return !tentative_.caught_up(history_); }
 
-  /// Has such markers take so many of these events, for the time in which no others come. Adds to `poses()`.
-  void catch_up(int events) {
-    candidates_.catch_up(history_, events, statistics_);
-    announce_confirmed();
+  /// Gives such markers at most `events` events each: for a time in which no new ones come.
+  template <std::invocable<const PoseEstimate&> Use>
+  void catch_up(int events, const Use& use) {
+    catch_up(events);
+    hand_over(use);
   }
 
-  /// Goes on at a later time, the events until then missing: `poses()` are those of the markers that this loses. What
-  /// is found in a look before it is not followed.
-  void skip_to(Timestamp t) {
-    poses_.clear();
+  /// Goes on at a later time; the events until then are missing. The result of a detection from before registers
+  /// nothing.
+  template <std::invocable<const PoseEstimate&> Use>
+  void skip_to(Timestamp t, const Use& use) {
     if (!(t > last_t_)) return;
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
     if (missing <= MarkerTracker<Rule>::kBriefly) return;
     guard_.restart(t);
     statistics_.time_faults = guard_.faults();
     followable_since_ = history_.pushed();
-    candidates_.skip(missing, history_);
-    markers_.skip(missing, delivering());
+    tentative_.skip(missing, history_);
+    confirmed_.skip(missing, delivering());
     drop_lost();
     searching_ = searching();
+    hand_over(use);
   }
 
-  /// The poses since the last event was pushed, valid until the next one is.
-  std::span<const PoseEstimate> poses() const noexcept { return poses_; }
-  void clear_poses() noexcept { poses_.clear(); }
+  /// True if the frame as it is after this event, which was taken, should go to the detector. False while a result is
+  /// pending.
+  bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, searching_); }
 
-  /// Whether the frame should be looked at after this event that was taken. Not while an answer is awaited.
-  bool look_due(Timestamp t) const noexcept { return looks_.due(t, searching_); }
+  /// True while a marker that should be there is missing: none is tracked, one is not confirmed, or was lost just now.
+  bool searching() const noexcept { return confirmed_.empty() || !tentative_.empty() || !missing_.empty(); }
 
-  /// Whether a marker is looked for that should be there: none is tracked, or not confirmed, or one was just lost.
-  bool searching() const noexcept { return markers_.empty() || !candidates_.empty() || !missing_.empty(); }
-
-  /// What to ask the detector about the frame as it is now. From here on the answer is awaited.
-  Look look(Timestamp t) {
+  /// What the detector should say about the frame as it is now. From here on its result is pending.
+  DetectionRequest request_detection(Timestamp t) {
     ++statistics_.detections;
-    looks_.begin(t);
+    schedule_.begin(t);
     forget_missing(t);
-    Look look{t, history_.pushed(), lines_.focal_length(), {}, {}};
-    candidates_.ask(look, history_);
-    for (const FoundMarker<Rule>& marker : missing_)
-      look.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
-    return look;
+    DetectionRequest request{t, history_.pushed(), lines_.focal_length(), {}, {}};
+    tentative_.request_sightings(request, history_);
+    for (const PlanarHypotheses<Rule>& marker : missing_)
+      request.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
+    return request;
   }
 
-  /// Whether the answer is due, `detection_latency` after the look.
-  bool answer_due(Timestamp t) const noexcept { return looks_.answer_due(t); }
-  bool answer_awaited() const noexcept { return looks_.answer_awaited(); }
-  /// No answer will come to the look.
-  void give_up_look() noexcept { looks_.end(); }
+  /// True once `detection_latency` has passed since the request.
+  bool result_due(Timestamp t) const noexcept { return schedule_.result_due(t); }
+  bool result_pending() const noexcept { return schedule_.running(); }
+  /// There will be no result.
+  void cancel_detection() noexcept { schedule_.end(); }
 
-  /// The answer to the look: announces the markers that were seen often enough, starts a tracker for every marker that
-  /// is not tracked yet, with the events since the look. Adds to `poses()`.
-  void take(const Findings& findings) {
-    looks_.end();
-    std::erase_if(missing_, [&](const FoundMarker<Rule>& marker) {
-      return std::ranges::any_of(std::span(findings.found).first(findings.detected),
-                                 [&](const auto& found) { return found.detection.id == marker.id(); });
+  /// Takes the result of the pending detection: announces the markers that were seen often enough, and starts a tracker
+  /// for each marker that is not tracked yet, with the events since the request.
+  template <std::invocable<const PoseEstimate&> Use>
+  void register_markers(const DetectionResult& result, const Use& use) {
+    schedule_.end();
+    std::erase_if(missing_, [&](const PlanarHypotheses<Rule>& marker) {
+      return std::ranges::any_of(result.detected_markers(),
+                                 [&](const auto& detected) { return detected.detection.id == marker.id(); });
     });
-    candidates_.answer(findings);
+    tentative_.add(result.sightings);
     announce_confirmed();
-    candidates_.remove_hopeless();
-    for (const Findings::Found& found : findings.found) {
-      if (findings.position <= followable_since_ || tracked(found.detection)) continue;
-      if (markers_.size() + candidates_.size() == settings_.max_markers) break;
-      candidates_.add(
-          {FoundMarker<Rule>(lines_, found.model, found.detection, settings_.marker), findings.position, history_});
+    tentative_.remove_hopeless();
+    for (const auto& [detection, model] : result.markers) {
+      if (result.position <= followable_since_ || tracked(detection)) continue;
+      if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
+      tentative_.add({PlanarHypotheses<Rule>(lines_, model, detection, settings_.marker), result.position, history_});
     }
     announce_confirmed();
     drop_lost();
     searching_ = searching();
+    hand_over(use);
   }
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
@@ -191,49 +154,80 @@ class TrackerCore {
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
   /// The `MarkerTracker` of every marker that is being tracked.
-  MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(markers_.all()); }
+  MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
-  static constexpr std::size_t kTogether = 64;           // events: so many for each marker make good groups
+  static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = 1024;    // events
   static constexpr std::size_t kAhead = 32;              // events: longer than memory takes, shorter than a cache holds
-  static constexpr int kEventsForOne = 2;  // that candidates take for each that comes: a look's lag is soon gone
+  static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
   enum class Entry { off_sensor, unsupported, supported };
 
-  // Whether markers are looked for is seen anew after the same events, however many of them come together.
-  void check() noexcept {
-    if (statistics_.events % kBetweenChecks == 0) searching_ = searching();
+  // Returns 0 if an event that had waited was taken instead.
+  template <typename Stop>
+  [[gnu::noinline]] std::size_t push_one(const Event& event, const Stop& stop) {
+    if (check_due()) searching_ = searching();
+    const TimeGuard::Verdict verdict = judge(event);
+    const bool released = verdict == TimeGuard::Verdict::release;
+    statistics_.events += !released;
+    if (verdict == TimeGuard::Verdict::hold) return 1;
+    const Event& now = released ? guard_.held() : event;
+    const Entry entry = enter(now);
+    if (entry == Entry::off_sensor) return !released;
+    confirmed_.push(now, delivering());
+    if (!poses_.empty()) drop_lost();
+    if (!tentative_.empty()) [[unlikely]]
+      catch_up(kCatchUp);
+    if (entry == Entry::supported) stop(now);
+    return !released;
   }
 
-  // The same while events wait, once those have been taken by which a marker may be lost.
-  [[gnu::noinline]] void check_meanwhile() {
-    markers_.push_decisive(delivering());
-    if (markers_.any_lost()) {
-      markers_.push_waiting(delivering());
+  // The same poses as one by one, and faster: each marker gets its events in groups.
+  template <typename Stop>
+  std::size_t push_many(std::span<const Event> events, const Stop& stop) {
+    events = events.first(
+        std::min({events.size(), kTogether * std::max<std::size_t>(confirmed_.size(), 1), kBetweenChecks}));
+    std::size_t taken = 0;
+    for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
+      const Event& event = events[taken];
+      if (events.size() - taken > kAhead) prefetch(events[taken + kAhead]);
+      if (check_due()) [[unlikely]]
+        check_between();
+      if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
+        break;
+      ++statistics_.events;
+      if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
+        continue;
+      const Entry entry = enter(event);
+      if (entry == Entry::off_sensor) continue;
+      confirmed_.push_soon(event, delivering());
+      if (entry == Entry::supported) stopped = stop(event);
+    }
+    confirmed_.push_waiting(delivering());
+    if (!poses_.empty()) drop_lost();
+    return taken;
+  }
+
+  // `searching_` is renewed after the same events, however many of them come together.
+  bool check_due() const noexcept { return statistics_.events % kBetweenChecks == 0; }
+
+  // With events waiting: those that may lose a marker go first.
+  [[gnu::noinline]] void check_between() {
+    confirmed_.push_decisive(delivering());
+    if (confirmed_.any_lost()) {
+      confirmed_.push_waiting(delivering());
       drop_lost();
     }
     searching_ = searching();
   }
 
-  // Has what an event will look up brought into the cache: with many markers, that is all over the image.
+  // With many markers, what an event looks up is all over the memory.
   [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
     if (!lines_.sensor_size().contains(event.x, event.y)) return;
     if constexpr (requires { filter_.prefetch(event); }) filter_.prefetch(event);
     lines_.prefetch(event);
-  }
-
-  // One event of a range, as it would be by itself; none if one that had waited was taken instead.
-  template <typename Stop, typename Use>
-  [[gnu::noinline]] std::size_t push_first(const Event& event, const Stop& stop, const Use& use) {
-    check();
-    const TimeGuard::Verdict verdict = judge(event);
-    const bool released = verdict == TimeGuard::Verdict::release;
-    if (verdict != TimeGuard::Verdict::hold) take_one(released ? guard_.held() : event, stop);
-    statistics_.events += !released;
-    by_time_.hand_over(poses_, use);
-    return released ? 0 : 1;
   }
 
   // See TimeGuard::judge.
@@ -245,19 +239,7 @@ class TrackerCore {
     return verdict;
   }
 
-  // An event whose time is right.
-  template <typename After>
-  void take_one(const Event& event, const After& after) {
-    const Entry entry = enter(event);
-    if (entry == Entry::off_sensor) return;
-    markers_.push(event, delivering());
-    if (!poses_.empty()) drop_lost();
-    if (!candidates_.empty()) [[unlikely]]
-      catch_up(kEventsForOne);
-    if (entry == Entry::supported) after(event);
-  }
-
-  // Counts, filters and remembers the event.
+  // Counts, filters and stores an event whose time is right.
   [[gnu::always_inline]] Entry enter(const Event& event) {
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
@@ -269,10 +251,15 @@ class TrackerCore {
       ++statistics_.filtered;
       return Entry::unsupported;
     }
-    looks_.count_event();
+    schedule_.count_event();
     frame_.update(event);
     history_.push(event);
     return Entry::supported;
+  }
+
+  void catch_up(int events) {
+    tentative_.catch_up(history_, events, statistics_);
+    announce_confirmed();
   }
 
   void deliver(const PoseEstimate& pose) {
@@ -287,44 +274,49 @@ class TrackerCore {
     return [this](const PoseEstimate& pose) { deliver(pose); };
   }
 
-  // A lost marker's id goes back to the detector.
+  template <typename Use>
+  void hand_over(const Use& use) {
+    if (!poses_.empty()) by_time_.hand_over(poses_, use);
+  }
+
+  // The detector may find a lost marker again.
   void drop_lost() {
-    markers_.remove_lost([&](FoundMarker<Rule>& marker) {
+    confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) {
       if (missing_.size() < settings_.max_markers) missing_.push_back(std::move(marker));
     });
   }
 
-  // A marker that was just lost is looked for where its motion must have taken it.
+  // For a short time after its loss a marker is searched for where its motion must have taken it.
   void forget_missing(Timestamp t) {
     constexpr std::uint64_t kPredictable = 100000;  // [us]
     std::erase_if(missing_,
                   [&](const auto& marker) { return elapsed_us(marker.tracker().estimate().t, t) > kPredictable; });
   }
 
-  // Announces the candidates that were seen often enough and have seen all events.
+  // Announces the markers that were seen often enough and have caught up.
   void announce_confirmed() {
-    candidates_.take_confirmed(settings_.detections_to_confirm, history_, [&](FoundMarker<Rule>& marker) {
+    tentative_.release_confirmed(settings_.detections_to_confirm, history_, [&](PlanarHypotheses<Rule>& marker) {
       if (marker.tracker().estimate().quality.matched > 0) deliver(marker.tracker().estimate());
       ++statistics_.registered;
-      looks_.note_found(last_t_);
-      markers_.add(std::move(marker));
+      schedule_.note_found(last_t_);
+      confirmed_.add(std::move(marker));
     });
   }
 
-  // Whether the id is being tracked where it was found. A marker that was silent while it is seen elsewhere is lost:
-  // nothing moved where its tracker waits. One that was never confirmed has followed something else.
+  // True if the detected marker is being tracked where it was detected. A marker that had no events while it is seen
+  // elsewhere is lost: nothing moved where it is tracked. One that was never confirmed has followed something else.
   bool tracked(const MarkerDetection& detection) {
-    if (const FoundMarker<Rule>* const candidate = candidates_.find(detection.id)) {
-      if (same_place(detection, candidate->tracker().T_camera_marker(), lines_.focal_length())) return true;
-      candidates_.erase(detection.id);
+    if (const PlanarHypotheses<Rule>* const tentative = tentative_.find(detection.id)) {
+      if (same_place(detection, tentative->tracker().T_camera_marker(), lines_.focal_length())) return true;
+      tentative_.erase(detection.id);
       return false;
     }
-    FoundMarker<Rule>* const marker = markers_.find(detection.id);
+    PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
     if (marker == nullptr) return false;
     const bool silent = marker->silent_until(detection.t, settings_.detection_interval);
     if (!silent || same_place(detection, marker->tracker().T_camera_marker(), lines_.focal_length())) return true;
     deliver(marker->tracker().lose(LossReason::replaced));
-    markers_.erase(detection.id);
+    confirmed_.erase(detection.id);
     return false;
   }
 
@@ -334,10 +326,10 @@ class TrackerCore {
   Filter filter_;
   PolarityFrame frame_;
   EventHistory history_;
-  LookSchedule looks_;
-  TrackedMarkers<Rule> markers_;  // announced
-  Candidates<Rule> candidates_;
-  std::vector<FoundMarker<Rule>> missing_;  // lost a short time ago
+  DetectionSchedule schedule_;
+  ConfirmedMarkers<Rule> confirmed_;  // announced
+  TentativeMarkers<Rule> tentative_;
+  std::vector<PlanarHypotheses<Rule>> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
   ByTime by_time_;
   bool searching_ = true;  // as of the last check

@@ -17,7 +17,7 @@ namespace evmarker {
 
 struct VerificationSettings {
   int updates = 100;              ///< k: forward updates before the way back
-  int every = 2;                  ///< the first of so many windows of k updates; 1: all, for twice the cost
+  int every = 2;                  ///< one window of k updates in this number is verified; 1: all, for twice the cost
   double max_translation_px = 5;  ///< epsilon_T
   /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`,
   /// summed over three axes.
@@ -36,8 +36,8 @@ inline void validate(const VerificationSettings& settings) {
   require(settings.max_events >= 1, "max_events", settings.max_events);
 }
 
-/// How long the way forward is that is gone back. Brief: only until there are so many events that a way back says
-/// anything, for a tracker that has not been verified yet.
+/// Length of a window. Brief: as few events as a way back can be judged by, for a tracker that has not been verified
+/// yet.
 enum class VerificationWindow { full, brief };
 
 /// How far the backtracked pose is from the pose that the forward tracker had at the same time.
@@ -63,7 +63,7 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
 }
 
 /// Keeps the events of `updates` updates and then runs a copy of the tracker back over them: two steps back with every
-/// event that comes, so that no event waits for the whole way.
+/// new event, so that no event waits for the whole way.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
@@ -104,12 +104,12 @@ class Verification {
     start(forward);
   }
 
-  /// Whether so many events may bring a way back to its end, without an update of the forward tracker.
+  /// True if `events` events may complete a way back without an update of the forward tracker.
   bool ends_within(std::size_t events) const noexcept {
     return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
   }
 
-  /// Whether the error is within the thresholds, or within six times what one has to expect. False for NaN.
+  /// True if the error is within the thresholds, or within six standard deviations. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
     return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
            error.rotation_rad <= std::max(max_rotation_rad(), kExpected * error.expected_rad);
@@ -213,8 +213,7 @@ class Verification {
     return &error_;
   }
 
-  // Far away, the tilt of a small marker is uncertain by more than the threshold, and says so. And so is where it is
-  // after a rest.
+  // Far away, the tilt of a small marker is uncertain by more than the threshold, and so is the place after a rest.
   static void expect(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
       const Matrix6d P = follower.rule().covariance();

@@ -26,7 +26,7 @@ namespace evmarker {
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct WireframeTrackerSettings {
   std::chrono::microseconds filter_window = TrackerSettings<Rule>{}.filter_window;  ///< see TrackerSettings
-  MarkerTrackerSettings<Rule> marker{};  ///< its `start_search` is how far from its start the body is looked for
+  MarkerTrackerSettings<Rule> marker{};  ///< its `start_search` is how far from its start the body is searched
 };
 
 /// Follows a wireframe from a rough start on. After a loss it is searched around the place where its motion must have
@@ -97,7 +97,7 @@ class WireframeTracker {
     return searching_again_ ? lost_->pose_at(t) : tracker_.pose_at(t);
   }
 
-  /// Whether it was lost and has not been found again.
+  /// True if it was lost and has not been found again.
   bool searching_again() const noexcept { return searching_again_; }
   MarkerId id() const noexcept { return body_.id; }
   const MarkerModel& model() const noexcept { return body_.model; }
@@ -105,10 +105,10 @@ class WireframeTracker {
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
 
  private:
-  static constexpr std::uint64_t kLookAgain_us = 5000;  // between two thoughts about where it must be
-  static constexpr double kNearest_m = 1e-6;            // in front of the camera
-  static constexpr double kWider = 1.5;                 // so much farther a search must reach to begin again for that
-  static constexpr double kSure = 2;                    // standard deviations that a search must reach
+  static constexpr std::uint64_t kPredictAgain_us = 5000;  // between two predictions of where it must be
+  static constexpr double kNearest_m = 1e-6;               // in front of the camera
+  static constexpr double kWider = 1.5;  // a search begins again if it must reach farther by this factor
+  static constexpr double kSure = 2;     // standard deviations that a search must reach
   // Beyond half of the body's size one edge lies where another should be.
   static constexpr double kFarthest_share = 0.5, kFarthest_depth_share = 0.3, kFarthest_rad = 0.4;
 
@@ -134,32 +134,33 @@ class WireframeTracker {
       ++statistics_.off_sensor;
       return false;
     }
-    const bool supported = filter_.accept(event);  // also where it does not matter: it must know all events
+    const bool supported =
+        filter_.accept(event);  // also where it does not matter: the filter's history needs all events
     if (supported || heard_) return true;
     ++statistics_.filtered;
     return false;
   }
 
-  // The first loss is told; one of a search that led nowhere only makes it begin again.
+  // The loss is reported once; a search that found nothing only begins again.
   const PoseEstimate* after_loss(const PoseEstimate& pose, Timestamp t) noexcept {
-    const bool told = !std::exchange(searching_again_, true);
-    if (told) {
+    const bool first = !std::exchange(searching_again_, true);
+    if (first) {
       ++statistics_.lost;
       knew_motion_ = std::exchange(registered_, false);
       if (knew_motion_) searched_at_ = pose.T_camera_marker;
       last_pose_ = pose;
       lost_ = std::move(tracker_);
     }
-    looked_t_ = t;
+    predicted_t_ = t;
     const auto place = expected(t);
     search(place.value_or(Place{searched_at_, settings_.start_search.value_or(StartPoseSearchSettings{})}));
-    return told ? &last_pose_ : nullptr;
+    return first ? &last_pose_ : nullptr;
   }
 
   // While a search has found nothing, the body moves on.
   void search_where_it_must_be(Timestamp t) noexcept {
-    if (elapsed_us(looked_t_, t) < kLookAgain_us) return;
-    looked_t_ = t;
+    if (elapsed_us(predicted_t_, t) < kPredictAgain_us) return;
+    predicted_t_ = t;
     const auto place = expected(t);
     if (!place) return;
     double moved_px = 0;
@@ -222,13 +223,13 @@ class WireframeTracker {
   Wireframe body_;
   MarkerTracker<Rule> tracker_;              // follows the body, or searches it
   std::optional<MarkerTracker<Rule>> lost_;  // what followed it before the present search
-  bool searching_again_ = false;             // since a loss that was told
+  bool searching_again_ = false;             // since a loss that was reported
   bool heard_ = false;                       // there was a pose from `tracker_`: its search is over
   bool knew_motion_ = false;                 // `lost_` had been `tracking`: it had followed the body
   bool registered_ = false;                  // `tracking` since the last loss
-  double searched_share_ = 0;                // and how far it looked, see StartPoseSearchSettings
+  double searched_share_ = 0;                // its reach, see StartPoseSearchSettings
   Eigen::Isometry3d searched_at_;            // where `tracker_` began
-  Timestamp looked_t_ = 0;                   // when it was last thought of where the body must be
+  Timestamp predicted_t_ = 0;                // when the place of the body was last predicted
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   PoseEstimate last_pose_;  // with the state `lost`
   TrackerStatistics statistics_;

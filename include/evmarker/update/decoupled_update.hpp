@@ -7,7 +7,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
-#include "evmarker/update/pose_update.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
 
@@ -21,9 +21,9 @@ struct DecoupledSettings {
   /// The paper leaves the torque of Eq. (11) in units of length squared: measured in this unit [m]. 0 has it divided by
   /// the mean squared lever arm.
   double torque_length_unit_m = 0;
-  /// Whether events are taken to lie behind their moving edges, see `expect_events_per_px2`. Not in the paper.
+  /// Allows for events that lie behind their moving edges, see `expect_events_per_px2`. Not in the paper.
   bool correct_trail = true;
-  /// Whether the pose stays where it is while the events are background. Not in the paper.
+  /// Keeps the pose where it is while the events are background. Not in the paper.
   bool rest = true;
 
   /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
@@ -57,8 +57,8 @@ class DecoupledUpdate {
   void set_events_per_update(int events) noexcept {
     weight_ = settings_.averaging_weight == 0 ? std::min(0.1, 1.0 / events) : settings_.averaging_weight;
     renewed_ = std::min(1.0, events * weight_);
-    for (std::size_t i = 0; i <= kLanes; ++i) kept_[i] = std::pow(1 - weight_, i);
-    for (std::size_t i = 0; i < kLanes; ++i) weights_[i] = weight_ * kept_[kLanes - 1 - i];
+    for (std::size_t i = 0; i <= simd::kLanes; ++i) kept_[i] = std::pow(1 - weight_, i);
+    for (std::size_t i = 0; i < simd::kLanes; ++i) weights_[i] = weight_ * kept_[simd::kLanes - 1 - i];
   }
 
   /// From here on, events lie as far behind their moving edges as follows from how many a pixel makes in a passage.
@@ -70,7 +70,7 @@ class DecoupledUpdate {
     trail_by_px_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / (focal_length * focal_length);
   }
 
-  /// @param share of the events that tells of the marker; 0 at rest
+  /// @param share of the matched events that are the marker's; 0 at rest
   void expect_signal(double share) noexcept { signal_ = settings_.rest ? share : 1; }
 
   /// Lets one event into the running averages.
@@ -85,9 +85,9 @@ class DecoupledUpdate {
     const std::size_t n = c.count;
     const double kept = summing_ ? kept_[n] : 0;
     const Vec3 T = translation(T_camera_marker);
-    alignas(64) Lanes weights;
-    for (std::size_t i = 0; i < kLanes; ++i) weights[i] = weights_[kLanes - n + i];
-    for (std::size_t i = 0; i < kLanes; ++i) {
+    alignas(64) simd::Lanes weights;
+    for (std::size_t i = 0; i < simd::kLanes; ++i) weights[i] = weights_[simd::kLanes - n + i];
+    for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Terms of_event = terms({c.M_x[i], c.M_y[i]}, {c.E_x[i], c.E_y[i], c.E_z[i]}, {c.F_x[i], c.F_y[i], c.F_z[i]},
                                    {c.g_x[i], c.g_y[i], c.g_z[i]}, c.polarity[i], T);
 #pragma GCC unroll 13
@@ -163,8 +163,8 @@ class DecoupledUpdate {
   }
 
   [[gnu::noinline]] void add_sums() noexcept {
-    in_wide_vectors([&]() __attribute__((always_inline)) {
-      for (std::size_t k = 0; k < kTerms; ++k) means_[k] = faded_ * means_[k] + sum(sums_[k]);
+    simd::in_wide_vectors([&]() __attribute__((always_inline)) {
+      for (std::size_t k = 0; k < kTerms; ++k) means_[k] = faded_ * means_[k] + simd::sum(sums_[k]);
     });
     forget_sums();
   }
@@ -182,11 +182,11 @@ class DecoupledUpdate {
   // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
   // events on nearly one line of sight must not be turned into a step along it.
   alignas(16) Terms means_{};
-  alignas(64) std::array<Lanes, kTerms> sums_{};  // what the averages gain by the events since the last update
-  bool summing_ = false;                          // else there are none, and the numbers mean nothing
-  double faded_ = 1;                              // what they keep of what they were before
-  std::array<double, kLanes + 1> kept_{};         // by so many events
-  std::array<double, 2 * kLanes> weights_{};      // of eight events one after the other, and of none
+  alignas(64) std::array<simd::Lanes, kTerms> sums_{};  // what the averages gain by the events since the last update
+  bool summing_ = false;                                // else there are none, and the numbers mean nothing
+  double faded_ = 1;                                    // what they keep of what they were before
+  std::array<double, simd::kLanes + 1> kept_{};         // by that number of events
+  std::array<double, 2 * simd::kLanes> weights_{};      // of eight events one after the other, and of none
 };
 
 static_assert(GroupUpdateRule<DecoupledUpdate>);

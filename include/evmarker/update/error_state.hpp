@@ -31,7 +31,7 @@ struct ErrorCovariance {
   /// @param q of each of the six axes
   template <std::size_t kBits>
   [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
-    using Column = Pack<12, kBits>;
+    using Column = simd::Pack<12, kBits>;
     const double carried = motion.carried, kept = motion.kept;
     const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
       Column column(numbers);

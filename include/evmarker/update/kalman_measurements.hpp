@@ -6,7 +6,7 @@
 
 #include "evmarker/simd/lanes.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
-#include "evmarker/update/measurement_update.hpp"
+#include "evmarker/update/sequential_update.hpp"
 
 namespace evmarker {
 
@@ -25,13 +25,13 @@ class KalmanMeasurements {
     ++count_;
   }
 
-  /// The same for the first `count` of a lane each; the others must be finite.
-  [[gnu::always_inline]] void add(const std::array<Lanes, MeasurementRows::kNumbers>& rows, const Lanes& weights,
-                                  std::size_t count) noexcept {
-    if (waiting_ + kLanes > kMost) add_squares();
+  /// Batch version: a measurement in each of the first `count` lanes; the others must be finite.
+  [[gnu::always_inline]] void add(const std::array<simd::Lanes, MeasurementRows::kNumbers>& rows,
+                                  const simd::Lanes& weights, std::size_t count) noexcept {
+    if (waiting_ + simd::kLanes > kMost) add_squares();
     for (std::size_t j = 0; j < kNumbers; ++j)
-      for (std::size_t i = 0; i < kLanes; ++i) rows_.row[j][waiting_ + i] = rows[j][i];
-    for (std::size_t i = 0; i < kLanes; ++i) rows_.weight[waiting_ + i] = weights[i];
+      for (std::size_t i = 0; i < simd::kLanes; ++i) rows_.row[j][waiting_ + i] = rows[j][i];
+    for (std::size_t i = 0; i < simd::kLanes; ++i) rows_.weight[waiting_ + i] = weights[i];
     waiting_ += count;
     count_ += static_cast<int>(count);
   }
@@ -44,8 +44,8 @@ class KalmanMeasurements {
 
   int count() const noexcept { return count_; }
 
-  /// Turns a prior covariance and the expected error of its mean into the posterior's. False, and nothing has changed,
-  /// if the covariance was not positive definite or no measurement was finite.
+  /// Corrects an error state and its covariance by the measurements. False, and nothing has changed, if the covariance
+  /// was not positive definite or no measurement was finite.
   /// @param information of a measurement of weight 1
   [[gnu::noinline]] bool correct(ErrorCovariance& P, ErrorState& error, double information) noexcept {
     if (count_ == 0) return true;
@@ -53,19 +53,19 @@ class KalmanMeasurements {
       add_squares();
       condense();
     }
-    bool taken = false;
-    in_packs([&](auto bits) __attribute__((always_inline)) {
-      constexpr std::size_t kBits = bits, kAbreast = kBits > 128 ? 4 : 2;  // whose numbers fit into the registers
+    bool applied = false;
+    simd::in_packs([&](auto bits) __attribute__((always_inline)) {
+      constexpr std::size_t kBits = bits, kTogether = kBits > 128 ? 4 : 2;  // whose numbers fit into the registers
       std::size_t i = 0;
-      for (; i + kAbreast <= waiting_; i += kAbreast) taken |= take<kAbreast, kBits>(i, information, P, error);
-      if constexpr (kAbreast > 2)
+      for (; i + kTogether <= waiting_; i += kTogether) applied |= apply<kTogether, kBits>(i, information, P, error);
+      if constexpr (kTogether > 2)
         if (i + 2 <= waiting_) {
-          taken |= take<2, kBits>(i, information, P, error);
+          applied |= apply<2, kBits>(i, information, P, error);
           i += 2;
         }
-      if (i < waiting_) taken |= take<1, kBits>(i, information, P, error);
+      if (i < waiting_) applied |= apply<1, kBits>(i, information, P, error);
     });
-    return taken;
+    return applied;
   }
 
  private:
@@ -74,40 +74,40 @@ class KalmanMeasurements {
   static constexpr int kFew = 12;             // measured: from there on, it is faster to condense them
   static constexpr double kRounding = 1e-14;  // what it leaves of a sum of squares
 
-  // One that cannot be taken is left out.
+  // A measurement that cannot be applied is left out.
   template <std::size_t kCount, std::size_t kBits>
-  [[gnu::always_inline]] bool take(std::size_t first, double information, ErrorCovariance& P,
-                                   ErrorState& error) const noexcept {
-    if (MeasurementUpdate<kCount, kBits>::take(rows_, first, information, P, error)) [[likely]]
+  [[gnu::always_inline]] bool apply(std::size_t first, double information, ErrorCovariance& P,
+                                    ErrorState& error) const noexcept {
+    if (SequentialUpdate<kCount, kBits>::apply(rows_, first, information, P, error)) [[likely]]
       return true;
-    return kCount > 1 && take_one_by_one(first, kCount, information, P, error);
+    return kCount > 1 && apply_one_by_one(first, kCount, information, P, error);
   }
 
-  [[gnu::noinline]] bool take_one_by_one(std::size_t first, std::size_t count, double information, ErrorCovariance& P,
-                                         ErrorState& error) const noexcept {
-    bool taken = false;
+  [[gnu::noinline]] bool apply_one_by_one(std::size_t first, std::size_t count, double information, ErrorCovariance& P,
+                                          ErrorState& error) const noexcept {
+    bool applied = false;
     for (std::size_t i = first; i < first + count; ++i)
-      taken |= MeasurementUpdate<1, 128>::take(rows_, i, information, P, error);
-    return taken;
+      applied |= SequentialUpdate<1, 128>::apply(rows_, i, information, P, error);
+    return applied;
   }
 
   // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, lane by lane.
   [[gnu::noinline]] void add_squares() noexcept {
-    in_wide_vectors([&]() __attribute__((always_inline)) {
-      for (std::size_t i = waiting_; i % kLanes != 0; ++i) {
+    simd::in_wide_vectors([&]() __attribute__((always_inline)) {
+      for (std::size_t i = waiting_; i % simd::kLanes != 0; ++i) {
         rows_.weight[i] = 0;
         for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][i] = 0;
       }
-      for (std::size_t from = 0; from < waiting_; from += kLanes) add_squares(from);
+      for (std::size_t from = 0; from < waiting_; from += simd::kLanes) add_squares(from);
     });
     waiting_ = 0;
     squares_begun_ = true;
   }
 
   [[gnu::always_inline]] void add_squares(std::size_t from) noexcept {
-    alignas(64) std::array<Lanes, kNumbers> row, weighted;
+    alignas(64) std::array<simd::Lanes, kNumbers> row, weighted;
     for (std::size_t j = 0; j < kNumbers; ++j)
-      for (std::size_t i = 0; i < kLanes; ++i) {
+      for (std::size_t i = 0; i < simd::kLanes; ++i) {
         row[j][i] = rows_.row[j][from + i];
         weighted[j][i] = rows_.weight[from + i] * row[j][i];
       }
@@ -117,26 +117,26 @@ class KalmanMeasurements {
     for (std::size_t j = 0; j < kNumbers; ++j)
 #pragma GCC unroll 9
       for (std::size_t k = j; k < kNumbers; ++k, ++place)
-        for (std::size_t i = 0; i < kLanes; ++i)
+        for (std::size_t i = 0; i < simd::kLanes; ++i)
           squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
   }
 
-  // Makes eight measurements that tell the same as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
-  // columns of L, D their weights. A direction of which nothing is told has none.
+  // Makes eight measurements with the same information as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
+  // columns of L, D their weights. A direction without information has none.
   [[gnu::noinline]] void condense() noexcept {
     double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
     std::size_t place = 0;
 #pragma GCC unroll 9
     for (std::size_t k = 0; k < kNumbers; ++k)
 #pragma GCC unroll 9
-      for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = sum(squares_[place++]);
+      for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = simd::sum(squares_[place++]);
 #pragma GCC unroll 9
     for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];
 #pragma GCC unroll 9
     for (std::size_t k = 0; k < kStates; ++k) {
-      const bool told = S[k][k] > D[k];
-      const double inverse = told ? 1 / S[k][k] : 0;
-      D[k] = told ? S[k][k] : 0;
+      const bool observed = S[k][k] > D[k];
+      const double inverse = observed ? 1 / S[k][k] : 0;
+      D[k] = observed ? S[k][k] : 0;
 #pragma GCC unroll 9
       for (std::size_t i = k; i < kNumbers; ++i) L[k][i] = inverse * S[k][i];
 #pragma GCC unroll 9
@@ -155,7 +155,7 @@ class KalmanMeasurements {
 
   MeasurementRows rows_;  // that are not in the squares yet
   // Lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun.
-  alignas(64) std::array<Lanes, kNumbers*(kNumbers + 1) / 2> squares_{};
+  alignas(64) std::array<simd::Lanes, kNumbers*(kNumbers + 1) / 2> squares_{};
   bool squares_begun_ = false;
   int count_ = 0;
   std::size_t waiting_ = 0;

@@ -1,5 +1,5 @@
 #pragma once
-// What the coupled filter assumes of motion and events.
+// The Kalman filter's assumptions about motion and events.
 
 namespace evmarker {
 
@@ -23,7 +23,7 @@ struct KalmanSettings {
   double latency_sigma_s = 2e-4;
   double trail_sigma_px = 0.1;  ///< likewise in pixels: an event comes only when a whole contrast step has passed
   /// The noise above is more than there is on average, so that a sudden turn or wrong events are survived; the poses
-  /// err by less. Share of the filter's own covariance that is told.
+  /// err by less. Share of the filter's own covariance that is reported.
   double covariance_scale = 0.2;
   double initial_sigma_t_m = 0.01;  ///< of the pose that tracking starts from
   double initial_sigma_r_rad = 0.1;

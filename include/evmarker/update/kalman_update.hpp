@@ -10,7 +10,7 @@
 #include "evmarker/simd/wide_vectors.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
-#include "evmarker/update/pose_update.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
 
@@ -74,9 +74,9 @@ class KalmanUpdate {
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 T = translation(T_camera_marker);
     const double t_us = t_us_;
-    alignas(64) std::array<Lanes, MeasurementRows::kNumbers> rows;
-    alignas(64) Lanes weights, residual2, lever2, gradient2, since, product;
-    for (std::size_t i = 0; i < kLanes; ++i) {
+    alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
+    alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, product;
+    for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const Measurement of_event =
           measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], 1, c.polarity[i]);
@@ -90,12 +90,12 @@ class KalmanUpdate {
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
-    if (!(sum(product) < kInfinity)) return;
+    if (!(simd::sum(product) < kInfinity)) return;
     measurements_.add(rows, weights, c.count);
-    sums_.residual2 += sum(residual2);
-    sums_.lever2 += sum(lever2);
-    sums_.gradient2 += sum(gradient2);
-    sums_.since_us += sum(since);
+    sums_.residual2 += simd::sum(residual2);
+    sums_.lever2 += simd::sum(lever2);
+    sums_.gradient2 += simd::sum(gradient2);
+    sums_.since_us += simd::sum(since);
   }
 
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
@@ -131,18 +131,18 @@ class KalmanUpdate {
     return true;
   }
 
-  /// @param share of the events that tells of the marker; 0 at rest
+  /// @param share of the matched events that are the marker's; 0 at rest
   void expect_signal(double share) noexcept { signal_ = share; }
 
-  /// From here on, edges that all move by a pixel make so many events, those of one pixel in one passage together: what
-  /// the events do not say has not moved.
+  /// Sets how many events all edges make while they move by a pixel, and how many of these one pixel makes in a
+  /// passage. From here on, few events mean little motion.
   void set_events_per_px(double events, double together) noexcept {
     events_per_px_ = events;
     events_together_ = together;
   }
 
-  /// Measures the trail by how many events a pixel makes while an edge passes over it, and by how far they are spread.
-  /// Events that have not led to an update are forgotten.
+  /// Takes a measurement of the trail: by the number of events that a pixel makes while an edge passes over it, and by
+  /// their spread. Forgets the events since the last update.
   void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
     forget_events();
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
@@ -159,14 +159,14 @@ class KalmanUpdate {
     forget_events();
   }
 
-  /// Moves the pose on to a later time with the present velocity; its covariance grows. Events that have not led to
-  /// an update yet are forgotten.
+  /// Moves the pose on to a later time with the present velocity; its covariance grows. Forgets the events since the
+  /// last update.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     most_motion_m_ = kInfinity;
     advance(T_camera_marker, t);
   }
 
-  /// The same where the marker made no events but those that were added: it can hardly have moved.
+  /// Moves the pose on to a time until which the marker made no other events: it can hardly have moved.
   void wait(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (signal_ == 0) {
       forget_events();
@@ -183,7 +183,7 @@ class KalmanUpdate {
     scale_velocity(-1);
   }
 
-  /// Of the pose, as PoseEstimate says it.
+  /// Covariance of the pose, see PoseEstimate.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
     Matrix6d P;
     for (int k = 0; k < 6; ++k)
@@ -308,7 +308,7 @@ class KalmanUpdate {
     return {translation, translation, translation, rotation, rotation, rotation};
   }
 
-  // How far the edges can have moved at most while they made so many events, noise among them: no events is a
+  // How far the edges can have moved at most while they made these events, noise among them: no events is a
   // measurement, too. A velocity that takes them farther is wrong, and as wrong as that it is known.
   void limit_motion(int events, double dt) noexcept {
     most_motion_m_ = kInfinity;
@@ -353,14 +353,14 @@ class KalmanUpdate {
     }
   }
 
-  // Lets time pass until so long after the pose. Returns the motion of the pose.
+  // Predicts the state to a time after the pose. Returns the motion of the pose.
   Vec6 predict(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, carried_before = motion(lead_s_).carried;
     lead_s_ = 0;
     if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
-    in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
+    simd::in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
     const Vec6 moved = (motion.carried - carried_before) * twist_;
     twist_ = motion.kept * twist_;
@@ -388,7 +388,7 @@ class KalmanUpdate {
     double residual2 = 0, lever2 = 0, gradient2 = 0, since_us = 0;
   };
   Sums sums_;                // over the events since the last update; their times since then [us]
-  double lead_s_ = 0;        // the filter's state is as old as the mean of its last events; the pose is so much newer
+  double lead_s_ = 0;        // from the filter's state, which is at the mean time of its last events, to the pose
   double t_us_ = kInfinity;  // time of the pose, exact to 2^53 us; before the first, no time passes
 };
 

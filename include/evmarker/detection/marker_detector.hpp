@@ -8,7 +8,7 @@
 
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 
@@ -23,7 +23,7 @@ struct MarkerDetection {
   std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
 };
 
-/// Finds markers in a frame and knows what they look like. May be slow and may allocate; must not keep the frame.
+/// Finds markers in a frame and has their models. May be slow and may allocate; must not keep the frame.
 template <typename D>
 concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, MarkerId id) {
   { detector.detect(frame) } -> std::ranges::input_range;

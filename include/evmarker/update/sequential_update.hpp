@@ -1,5 +1,5 @@
 #pragma once
-// What a few measurements, taken one after the other, make of an error state and its covariance.
+// The sequential Kalman update: scalar measurements, one after the other.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,7 +12,7 @@
 
 namespace evmarker {
 
-/// Scalar measurements d = J [pose; b] of an error state, number by number.
+/// Scalar measurements d = J [pose; b] of an error state: one array for each component.
 struct MeasurementRows {
   static constexpr std::size_t kMost = 32;
   static constexpr std::size_t kStates = 6 + kBiases, kNumbers = kStates + 1;  ///< of J, and with d
@@ -22,35 +22,42 @@ struct MeasurementRows {
   alignas(64) Numbers weight{};                     ///< inverse variance, up to a factor
 };
 
-/// Takes up to four measurements as the textbook does it one after the other, but they wait for each other only where
-/// they must, and the covariance is read and written once.
+/// Applies up to four measurements d = J x to an error state x with covariance P, one after the other:
+///
+///     S = J P J^T + R
+///     K = P J^T / S
+///     x += K (d - J x)
+///     P -= K J P
+///
+/// P is read and written once for all of them: P J^T and the innovations d - J x are computed for the prior, and what
+/// each measurement changes of the later ones' is subtracted from these.
 template <std::size_t kCount, std::size_t kBits>
-class MeasurementUpdate {
+class SequentialUpdate {
  public:
   /// @param first of the measurements
   /// @param information of a measurement of weight 1
   /// @return false, and nothing has changed, if a number is not finite or the covariance not positive definite
-  [[gnu::always_inline]] static bool take(const MeasurementRows& rows, std::size_t first, double information,
-                                          ErrorCovariance& P, ErrorState& error) noexcept {
-    MeasurementUpdate update;
-    update.expect(rows, first, information, P, error);
-    update.separate();
-    if (!update.good(P)) return false;
-    update.apply(P, error);
+  [[gnu::always_inline]] static bool apply(const MeasurementRows& rows, std::size_t first, double information,
+                                           ErrorCovariance& P, ErrorState& error) noexcept {
+    SequentialUpdate update;
+    update.project(rows, first, information, P, error);
+    update.condition();
+    if (!update.valid(P)) return false;
+    update.correct(P, error);
     return true;
   }
 
  private:
-  using Column = Pack<12, kBits>;
+  using Column = simd::Pack<12, kBits>;
   // A number of each measurement. One or two are read as they were written: read as a whole vector, they would have to
   // wait until they have left for memory.
-  using Each = Pack<kCount, (kCount > 2 ? kBits : 64)>;
+  using Each = simd::Pack<kCount, (kCount > 2 ? kBits : 64)>;
 
   static constexpr std::size_t kPose = 6, kMeasured = MeasurementRows::kStates;  // places in a row
 
-  // P J^T, the innovations d - J e, and what they are expected to vary by: S = J P J^T + R.
-  [[gnu::always_inline]] void expect(const MeasurementRows& rows, std::size_t first, double information,
-                                     const ErrorCovariance& P, const ErrorState& error) noexcept {
+  // Of the prior: P J^T, the innovations d - J x, J P J^T of every two measurements, and R.
+  [[gnu::always_inline]] void project(const MeasurementRows& rows, std::size_t first, double information,
+                                      const ErrorCovariance& P, const ErrorState& error) noexcept {
     const auto of_each = [&](std::size_t place) __attribute__((always_inline)) {
       return Each(&rows.row[place][first]);
     };
@@ -74,28 +81,28 @@ class MeasurementUpdate {
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
 #pragma GCC unroll 8
-      for (std::size_t k = 0; k < kPose; ++k) S_[m].add(PJ_[m][k], of_each(k));
+      for (std::size_t k = 0; k < kPose; ++k) JPJ_[m].add(PJ_[m][k], of_each(k));
 #pragma GCC unroll 2
-      for (std::size_t b = 0; b < kBiases; ++b) S_[m].add(PJ_b_[b][m], of_each(kPose + b));
-      variance_[m] = 1 / (information * rows.weight[first + m]);
+      for (std::size_t b = 0; b < kBiases; ++b) JPJ_[m].add(PJ_b_[b][m], of_each(kPose + b));
+      S_[m] = 1 / (information * rows.weight[first + m]);
     }
   }
 
-  // From what each tells is subtracted what those before it have told, so that they are independent.
-  [[gnu::always_inline]] void separate() noexcept {
+  // Of the posterior of the measurements before each: S, P J^T, the innovation.
+  [[gnu::always_inline]] void condition() noexcept {
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
-      variance_[m] += S_[m][m];
-      inverse_[m] = 1 / variance_[m];
-      told_[m] = inverse_[m] * innovation_[m];
+      S_[m] += JPJ_[m][m];
+      by_S_[m] = 1 / S_[m];
+      innovation_by_S_[m] = by_S_[m] * innovation_[m];
       for (std::size_t b = 0; b < kBiases; ++b) b_[b][m] = PJ_b_[b][m];
       gain_[m] = PJ_[m];
-      gain_[m].scale(inverse_[m]);
-      Each shared = S_[m];
-      shared.scale(inverse_[m]);
+      gain_[m].scale(by_S_[m]);
+      Each shared = JPJ_[m];
+      shared.scale(by_S_[m]);
 #pragma GCC unroll 4
       for (std::size_t later = m + 1; later < kCount; ++later) {
-        S_[later].subtract(shared[later], S_[m]);
+        JPJ_[later].subtract(shared[later], JPJ_[m]);
         PJ_[later].subtract(shared[later], PJ_[m]);
       }
 #pragma GCC unroll 2
@@ -105,36 +112,36 @@ class MeasurementUpdate {
     }
   }
 
-  // Whether all variances are positive, and stay so.
-  [[gnu::always_inline]] bool good(const ErrorCovariance& P) const noexcept {
+  // True if all variances are positive and stay so.
+  [[gnu::always_inline]] bool valid(const ErrorCovariance& P) const noexcept {
     bool positive = true;
-    double told = 0;
+    double innovations = 0;
     std::array<double, kBiases> bias;
     for (std::size_t b = 0; b < kBiases; ++b) bias[b] = P.bb[b][b];
     Column less;
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
-      positive = positive && variance_[m] > 0;
+      positive = positive && S_[m] > 0;
       less.add_product(PJ_[m], gain_[m]);
-      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= inverse_[m] * b_[b][m] * b_[b][m];
-      told += std::abs(told_[m]);
+      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * b_[b][m] * b_[b][m];
+      innovations += std::abs(innovation_by_S_[m]);
     }
     double least = std::min(bias[0], bias[1]);
 #pragma GCC unroll 8
     for (std::size_t k = 0; k < kPose; ++k) least = std::min(least, P.xx.data()[12 * k + k] - less[k]);
-    return positive && least > 0 && told < std::numeric_limits<double>::infinity();
+    return positive && least > 0 && innovations < std::numeric_limits<double>::infinity();
   }
 
-  [[gnu::always_inline]] void apply(ErrorCovariance& P, ErrorState& error) const noexcept {
+  [[gnu::always_inline]] void correct(ErrorCovariance& P, ErrorState& error) const noexcept {
     Column x(error.x.data());
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
-      x.add(told_[m], PJ_[m]);
+      x.add(innovation_by_S_[m], PJ_[m]);
 #pragma GCC unroll 2
       for (std::size_t b = 0; b < kBiases; ++b) {
-        error.b[b] += told_[m] * b_[b][m];
+        error.b[b] += innovation_by_S_[m] * b_[b][m];
 #pragma GCC unroll 2
-        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= inverse_[m] * b_[b][m] * b_[c][m];
+        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * b_[b][m] * b_[c][m];
       }
     }
     x.store(error.x.data());
@@ -148,13 +155,13 @@ class MeasurementUpdate {
     }
   }
 
-  std::array<Column, kCount> PJ_;    // P J^T, of x
-  std::array<Column, kCount> gain_;  // the same by the variance
-  std::array<Each, kBiases> PJ_b_;   // and of b
-  Each innovation_;
-  std::array<Each, kCount> S_;
-  std::array<double, kCount> variance_, inverse_, told_;
-  std::array<std::array<double, kCount>, kBiases> b_;
+  std::array<Column, kCount> PJ_;    // P J^T, rows of x
+  std::array<Each, kBiases> PJ_b_;   // rows of b, of each measurement
+  std::array<Column, kCount> gain_;  // K, rows of x
+  Each innovation_;                  // d - J x
+  std::array<Each, kCount> JPJ_;     // of every two measurements
+  std::array<double, kCount> S_, by_S_, innovation_by_S_;
+  std::array<std::array<double, kCount>, kBiases> b_;  // rows of b of P J^T, given the measurements before
 };
 
 }  // namespace evmarker

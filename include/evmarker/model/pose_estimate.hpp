@@ -1,5 +1,5 @@
 #pragma once
-// What a tracker tells: pose, covariance, twist and how far to trust it.
+// The result of tracking: pose, covariance, twist and how far to trust them.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,7 +13,7 @@ namespace evmarker {
 
 using MarkerId = int;
 
-/// A setting that is derived from what is seen.
+/// The value of a setting that is then derived from the events.
 inline constexpr int kAutomatic = 0;
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
@@ -81,13 +81,11 @@ struct PoseEstimate {
   MarkerId id = 0;
   Timestamp t = 0;                                                    ///< [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
-  std::optional<Matrix6d> covariance =
-      std::nullopt;  ///< of the perturbation above [m^2, m rad; m rad, rad^2], where the update rule estimates one
-  std::optional<Vector6d> twist =
-      std::nullopt;  ///< rate of the perturbation above [m/s; rad/s], where the rule has one
-  std::optional<double> edge_offset_px =
-      std::nullopt;  ///< how far on the dark side of their edges events lie, where the rule knows
-  std::optional<double> trail_px = std::nullopt;  ///< how far behind their moving edges, likewise
+  // Nothing where the update rule does not estimate them.
+  std::optional<Matrix6d> covariance = std::nullopt;    ///< of the perturbation [m^2, m rad; m rad, rad^2]
+  std::optional<Vector6d> twist = std::nullopt;         ///< rate of the perturbation [m/s; rad/s]
+  std::optional<double> edge_offset_px = std::nullopt;  ///< how far on the dark side of their edges events lie
+  std::optional<double> trail_px = std::nullopt;        ///< how far events lie behind their moving edges
   TrackingQuality quality;
 };
 

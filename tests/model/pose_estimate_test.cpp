@@ -1,4 +1,4 @@
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "evmarker/tracking/paper.hpp"
+#include "evmarker/tracking/occlusion.hpp"
 
 #include <doctest/doctest.h>
 
@@ -23,19 +23,19 @@ TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth
   for (int i = 0; i < 200; ++i) {
     const Isometry3d T = random_pose(random, 0.4, 0.8);
     if (!matcher.project(T) || !matcher.on_grid()) continue;
-    const Box reach = matcher.reach(kPaperRim);
+    const Box reach = matcher.reach(kSheetRim);
     for (int k = 0; k < 50; ++k) {
       const Vector3d point(kLength * random(-1.5, 1.5), kLength * random(-1.5, 1.5), 0), seen = T * point;
       if (!(seen.z() > 0)) continue;
       const Vector2d m = seen.head<2>() / seen.z();
-      CHECK(nearness(matcher, m) == doctest::Approx(1 / seen.z()));
+      CHECK(inverse_depth(matcher, m) == doctest::Approx(1 / seen.z()));
       const double half_paper = kLength / 2 * 8 / 6, off = point.cwiseAbs().maxCoeff() - half_paper;
       if (off <= 0) {
-        CHECK(on_paper(matcher, m));
+        CHECK(on_sheet(matcher, m));
         CHECK(reach.contains(m));
         ++(point.cwiseAbs().maxCoeff() > kLength / 2 ? beside : on);
       } else if (off > 3 * kReach_px * seen.z() / kFocalLength / std::cos(0.8)) {
-        CHECK_FALSE(on_paper(matcher, m));
+        CHECK_FALSE(on_sheet(matcher, m));
         ++far;
       }
     }
@@ -46,8 +46,8 @@ TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth
   facing.linear() = Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitX()).toRotationMatrix();
   facing.translation() = Vector3d(0, 0, 0.4);
   REQUIRE(outline.project(facing));
-  CHECK(on_paper(outline, {0.07, 0}));  // an outline's paper is its square, 0.075 to each side
-  CHECK_FALSE(on_paper(outline, {0.09, 0}));
+  CHECK(on_sheet(outline, {0.07, 0}));  // an outline's paper is its square, 0.075 to each side
+  CHECK_FALSE(on_sheet(outline, {0.09, 0}));
 }
 
 TEST_CASE("a marker's paper hides what is farther away, once the marker is tracked") {
@@ -59,16 +59,16 @@ TEST_CASE("a marker's paper hides what is farther away, once the marker is track
       before(simulated::camera, model, facing_pose({0, 0, 0.3}));
   const auto centre = [&]() -> Eigen::Vector2d { return tracker.T_camera_marker().translation().hnormalized(); };
   REQUIRE(tracker.state() == TrackingState::converging);
-  CHECK(paper_nearness(tracker, centre()) == 0);
+  CHECK(sheet_inverse_depth(tracker, centre()) == 0);
   for (const Event& event : events) tracker.push(event);
   REQUIRE(tracker.state() == TrackingState::tracking);
-  const double near = paper_nearness(tracker, centre());
+  const double near = sheet_inverse_depth(tracker, centre());
   CHECK(near == doctest::Approx(1 / tracker.T_camera_marker().translation().z()));
-  CHECK(paper_nearness(tracker, {0.5, 0.4}) == 0);
+  CHECK(sheet_inverse_depth(tracker, {0.5, 0.4}) == 0);
   CHECK(hidden_by(near, behind, centre()));
   CHECK_FALSE(hidden_by(near, before, centre()));
   CHECK_FALSE(hidden_by(near, tracker, centre()));
   CHECK_FALSE(hidden_by(0, behind, centre()));
   tracker.lose(LossReason::hidden);
-  CHECK(paper_nearness(tracker, centre()) == 0);
+  CHECK(sheet_inverse_depth(tracker, centre()) == 0);
 }

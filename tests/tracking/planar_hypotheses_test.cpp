@@ -1,4 +1,4 @@
-#include "evmarker/tracking/found_marker.hpp"
+#include "evmarker/tracking/planar_hypotheses.hpp"
 
 #include <doctest/doctest.h>
 
@@ -37,18 +37,17 @@ TEST_CASE("of both poses the right one goes on, whichever was first") {
   tilted.linear() = Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitX()).toRotationMatrix() * tilted.linear();
   for (const bool right_one_first : {true, false}) {
     CAPTURE(right_one_first);
-    FoundMarker<KalmanUpdate> marker(lines, model, detection(motion(0), tilted, right_one_first),
-                                     {.start_search = std::nullopt});
+    PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), tilted, right_one_first),
+                                          {.start_search = std::nullopt});
     AccuracyMeter meter;
     Timestamp last = 0;
     int back = 0, empty = 0;
-    for (const Event& event : events)
-      if (const PoseEstimate* const pose = marker.push(event)) {
-        back += pose->t < last;
-        empty += pose->id != 3 || pose->T_camera_marker.translation().z() < 0.1;
-        last = pose->t;
-        meter.add(*pose, motion(seconds(pose->t)));
-      }
+    marker.push(events, [&](const PoseEstimate& pose) {
+      back += pose.t < last;
+      empty += pose.id != 3 || pose.T_camera_marker.translation().z() < 0.1;
+      last = pose.t;
+      meter.add(pose, motion(seconds(pose.t)));
+    });
     REQUIRE(meter.tracking() > 100);
     CHECK(meter.rotation_deg().max < 20);
     CHECK(meter.rotation_deg().mean < 1);
@@ -67,15 +66,14 @@ TEST_CASE("far away, where both look alike, none is called tracking before the e
     for (const bool right_one_first : {true, false}) {
       CAPTURE(seed);
       CAPTURE(right_one_first);
-      FoundMarker<KalmanUpdate> marker(lines, model, detection(motion(0), mirrored(motion(0)), right_one_first),
-                                       {.start_search = std::nullopt});
+      PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), mirrored(motion(0)), right_one_first),
+                                            {.start_search = std::nullopt});
       AccuracyMeter meter;
       Timestamp first = 0;
-      for (const Event& event : events)
-        if (const PoseEstimate* const pose = marker.push(event)) {
-          if (pose->quality.state == TrackingState::tracking && first == 0) first = pose->t;
-          meter.add(*pose, motion(seconds(pose->t)));
-        }
+      marker.push(events, [&](const PoseEstimate& pose) {
+        if (pose.quality.state == TrackingState::tracking && first == 0) first = pose.t;
+        meter.add(pose, motion(seconds(pose.t)));
+      });
       REQUIRE(meter.tracking() > 1000);
       CHECK(first < 30000);
       CHECK(meter.rotation_deg().max < 8);

@@ -1,4 +1,4 @@
-#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,12 +1,12 @@
 #pragma once
-// What an update rule must offer: how matched events move the pose.
+// The concept of an update rule: how matched events move the pose.
 #include <algorithm>
 #include <concepts>
 #include <limits>
 
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
-#include "evmarker/model/pose.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 
@@ -18,7 +18,7 @@ concept PoseUpdateRule = std::copyable<R> &&
              int events_per_update, const typename R::Settings& settings) {
   /// Settings are validated here: std::invalid_argument names what is wrong.
   R(settings, events_per_update);
-  /// From here on, so many events come between two updates.
+  /// Sets the number of events between two updates.
   { rule.set_events_per_update(events_per_update) }
   noexcept;
   /// Takes one matched event; the pose is the one at which it was matched.
@@ -40,15 +40,15 @@ concept GroupUpdateRule = PoseUpdateRule<R> &&
   noexcept;
 };
 
-/// A rule that is told how many of the events are background: all of them while the marker rests.
+/// A rule that allows for background among the matched events: while the marker rests, all of them are.
 template <typename R>
 concept RestingRule = PoseUpdateRule<R> && requires(R& rule) {
-  /// From here on, so much of the matched events tells of the marker.
+  /// Sets the share of the matched events that are the marker's, 0 at rest.
   { rule.expect_signal(1.0) }
   noexcept;
 };
 
-/// A rule that knows how the marker moves, too, and how well it knows its pose.
+/// A rule that estimates the motion and the covariance, too.
 template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
     requires(R& rule, const R& constant, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
@@ -62,8 +62,8 @@ concept MotionEstimatingRule = PoseUpdateRule<R> &&
 /// No event since the marker's last one.
 inline constexpr Timestamp kNothingHeard = std::numeric_limits<Timestamp>::min();
 
-/// A pose moved on to a later time by the rule that estimated it, as far as it knows how.
-/// @param heard until when all events have been pushed: how few of them are the marker's tells how little it moved
+/// A pose moved on to a later time by the motion model of its rule, if there is one.
+/// @param heard all events before this time have been pushed: the fewer there were, the less the marker moved
 template <PoseUpdateRule Rule>
 PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t, Timestamp heard = kNothingHeard) noexcept {
   if constexpr (requires { rule.wait(pose.T_camera_marker, t); })

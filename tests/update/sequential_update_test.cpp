@@ -1,4 +1,4 @@
-#include "evmarker/update/measurement_update.hpp"
+#include "evmarker/update/sequential_update.hpp"
 
 #include <doctest/doctest.h>
 
@@ -12,7 +12,8 @@ using evmarker::ErrorCovariance;
 using evmarker::ErrorState;
 using evmarker::kBiases;
 using evmarker::MeasurementRows;
-using evmarker::MeasurementUpdate;
+using evmarker::SequentialUpdate;
+namespace simd = evmarker::simd;
 
 namespace {
 
@@ -73,10 +74,10 @@ void expect(Problem& problem, int first, int count) {
 template <std::size_t kCount>
 bool take(Problem& problem, std::size_t first, bool wide) {
   if (!wide)
-    return MeasurementUpdate<kCount, 128>::take(problem.rows, first, problem.information, problem.P, problem.error);
+    return SequentialUpdate<kCount, 128>::apply(problem.rows, first, problem.information, problem.P, problem.error);
   bool taken = false;
-  evmarker::in_packs([&](auto bits) __attribute__((always_inline)) {
-    taken = MeasurementUpdate<kCount, bits>::take(problem.rows, first, problem.information, problem.P, problem.error);
+  simd::in_packs([&](auto bits) __attribute__((always_inline)) {
+    taken = SequentialUpdate<kCount, bits>::apply(problem.rows, first, problem.information, problem.P, problem.error);
   });
   return taken;
 }

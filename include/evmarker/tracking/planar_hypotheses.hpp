@@ -1,5 +1,5 @@
 #pragma once
-// A marker from its detection on: followed from both poses that a plane allows, until the events decide.
+// The two poses that a detection of a planar marker allows: both are tracked until the events decide.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -9,20 +9,20 @@
 #include <span>
 #include <utility>
 
-#include "evmarker/detection/detection.hpp"
+#include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/tracking/pose_comparison.hpp"
 
 namespace evmarker {
 
-/// A planar marker has two poses that look alike from afar. Where its detection could not tell them apart both are
-/// tracked, and none is called `tracking` before the events say which one it is.
+/// One detected marker. From afar, a planar marker looks alike at two poses, mirrored in depth. Where the detection has
+/// both, both are tracked, and the state stays `converging` until the events have decided between them.
 template <PoseUpdateRule Rule>
-class FoundMarker {
+class PlanarHypotheses {
  public:
   /// @throws std::invalid_argument like MarkerTracker
-  FoundMarker(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
-              const MarkerTrackerSettings<Rule>& settings)
+  PlanarHypotheses(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
+                   const MarkerTrackerSettings<Rule>& settings)
       : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
     if (!detection.T_camera_marker_alternative) return;
     rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
@@ -30,18 +30,10 @@ class FoundMarker {
     rival_->set_ambiguous(true);
   }
 
-  /// Takes one event, whose time has been judged already: see MarkerTracker::push_in_time.
-  const PoseEstimate* push(const Event& event) noexcept {
-    return rival_ ? push_to_both(event) : tracker_.push_one_in_time(event);
-  }
-
-  /// Takes many.
+  /// Takes events whose times have been judged, see MarkerTracker::push_in_time.
   template <std::invocable<const PoseEstimate&> Use>
   void push(std::span<const Event> events, const Use& use) {
-    while (rival_ && !events.empty()) {
-      if (const PoseEstimate* const pose = push(events.front())) use(*pose);
-      events = events.subspan(1);
-    }
+    for (; rival_ && !events.empty(); events = events.subspan(1)) push_to_both(events.front(), use);
     tracker_.push_in_time(events, use);
   }
 
@@ -58,8 +50,7 @@ class FoundMarker {
   Box reach(double around = 0) const noexcept { return rival_ ? Box::everywhere() : tracker_.reach(around); }
   /// See MarkerTracker::stays.
   bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
-  /// Whether it has had no event for so long at time t, or has those of a time to come, before the camera was started
-  /// anew.
+  /// True if its last event is older than `interval` at time t, or in the future: the camera was started anew.
   bool silent_until(Timestamp t, std::chrono::microseconds interval) const noexcept {
     const Timestamp heard = tracker_.estimate().t;
     constexpr std::uint64_t kRestart_us = 1000000;
@@ -69,25 +60,34 @@ class FoundMarker {
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
  private:
-  // A rule that knows no motion jitters by more than the poses differ: to wait would not tell more.
-  static constexpr int kToDecide = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
+  // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
+  static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
   static constexpr double kBeyondChance = 4;  // standard deviations
   static constexpr double kAlike_rad = 0.1;   // then it does not matter which
 
-  // Not inlined: for some milliseconds after a detection only.
-  [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
+  // Not inlined: it is needed for some milliseconds after a detection only.
+  template <typename Use>
+  [[gnu::noinline]] void push_to_both(const Event& event, const Use& use) {
+    const std::span<const Event> one(&event, 1);
     comparison_.add(tracker_.misfit_px2(event), rival_->misfit_px2(event));
-    rival_->push_one_in_time(event);
-    const PoseEstimate* const pose = tracker_.push_one_in_time(event);
-    return pose && decided() && settle() ? &tracker_.tell() : pose;
+    rival_->push_in_time(one, [](const PoseEstimate&) {});
+    bool updated = false;
+    PoseEstimate pose;
+    tracker_.push_in_time(one, [&](const PoseEstimate& last) {
+      updated = true;
+      pose = last;
+    });
+    if (!updated) return;
+    if (decided() && decide()) pose = tracker_.estimate();
+    use(pose);
   }
 
   bool decided() const noexcept {
     return lost() || rival_->state() == TrackingState::lost || std::abs(comparison_.z()) > kBeyondChance || alike() ||
-           comparison_.events() >= kToDecide;
+           comparison_.events() >= kMostEvents;
   }
 
-  // Both have come to nearly the same pose.
+  // True if both have converged to nearly the same pose.
   bool alike() const noexcept {
     const Eigen::Isometry3d &T = tracker_.T_camera_marker(), &other = rival_->T_camera_marker();
     double trace = 0;  // of the rotation between them
@@ -95,8 +95,8 @@ class FoundMarker {
     return trace > 1 + 2 * std::cos(kAlike_rad);
   }
 
-  // True if the other pose was the right one.
-  bool settle() noexcept {
+  // Goes on with the better pose. True if that is the rival's.
+  bool decide() noexcept {
     const bool better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
     if (better) std::swap(tracker_, *rival_);
     rival_.reset();
@@ -106,7 +106,7 @@ class FoundMarker {
 
   MarkerTracker<Rule> tracker_;
   std::optional<MarkerTracker<Rule>> rival_;
-  PoseComparison comparison_;  // of both
+  PoseComparison comparison_;
 };
 
 }  // namespace evmarker

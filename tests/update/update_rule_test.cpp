@@ -1,4 +1,4 @@
-#include "evmarker/update/pose_update.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,0 +1,103 @@
+#pragma once
+// What a tracker requests of a detector, and the detector's result.
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/detection/marker_detector.hpp"
+#include "evmarker/model/projection.hpp"
+
+namespace evmarker {
+
+/// A marker at a pose.
+struct PlacedMarker {
+  MarkerId id = 0;
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
+};
+
+/// A tracker's request about one frame. A value: the detector may work on it in another thread, later.
+struct DetectionRequest {
+  Timestamp t = 0;                        ///< of the frame [us]
+  std::uint64_t position = 0;             ///< events of the history that are in the frame: those before this position
+  double focal_length = 0;                ///< [px]
+  std::vector<PlacedMarker> unconfirmed;  ///< markers at the poses where they are tracked: are their codes there?
+  std::vector<PlacedMarker> missing;      ///< lost markers at their predicted poses: are they nearby?
+};
+
+/// What a frame shows of a marker that is tracked but not confirmed yet: nothing, its code at the tracked pose, or its
+/// code at another pose.
+enum class Sighting { none, there, elsewhere };
+
+struct DetectionResult {
+  struct Marker {
+    MarkerDetection detection;
+    MarkerModel model;
+  };
+  std::uint64_t position = 0;         ///< that of the request
+  std::vector<Marker> markers{};      ///< first those that the detector found by itself, then the missing ones
+  std::size_t detected = 0;           ///< number of those that the detector found by itself
+  std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
+
+  /// Those that the detector found by itself.
+  std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
+};
+
+/// True if a pose is within half of the marker's size from where the marker was detected.
+inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker,
+                       double focal_length) noexcept {
+  const Vec2 a = on_plane(translation(detection.T_camera_marker)), b = on_plane(translation(T_camera_marker));
+  const auto diagonal_px = [&](std::size_t i) {
+    return norm(Vec2(detection.corners_px[i]) - Vec2(detection.corners_px[i + 2]));
+  };
+  return focal_length * norm(a - b) < 0.25 * (diagonal_px(0) + diagonal_px(1));
+}
+
+/// True if a detection that has no alternative is tilted differently from a pose. In the image, two such poses may be
+/// only a pixel apart, so that the code can be read at both.
+inline bool tilted_otherwise(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
+  constexpr double kDiffers_rad = 0.25;
+  return !detection.T_camera_marker_alternative &&
+         geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
+}
+
+/// Runs a detector on a frame. Its members `shows(id, T_camera_marker)` and `search(id, T_camera_marker)`, both about
+/// the last frame that it was given, are used where it has them.
+template <MarkerDetector Detector>
+DetectionResult detect(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
+  DetectionResult result{.position = request.position};
+  const auto add = [&](const MarkerDetection& detection) {
+    result.markers.push_back({detection, detector.model(detection.id)});
+  };
+  const auto find = [&](std::span<const DetectionResult::Marker> among, MarkerId id) {
+    const auto found = std::ranges::find(among, id, [](const auto& marker) { return marker.detection.id; });
+    return found != among.end() ? &found->detection : nullptr;
+  };
+  for (const MarkerDetection& detection : detector.detect(frame)) add(detection);
+  result.detected = result.markers.size();
+
+  // A marker of which a part is hidden may be found only where it is expected.
+  if constexpr (requires(MarkerId id, Eigen::Isometry3d T) { detector.search(id, T); })
+    for (const auto& [id, T_camera_marker] : request.missing)
+      if (find(result.markers, id) == nullptr)
+        if (const auto detection = detector.search(id, T_camera_marker)) add(*detection);
+
+  const auto shows = [&](const PlacedMarker& marker, [[maybe_unused]] const MarkerDetection* detection) -> bool {
+    if constexpr (requires { detector.shows(marker.id, marker.T_camera_marker); })
+      return detector.shows(marker.id, marker.T_camera_marker);
+    else
+      return detection && same_place(*detection, marker.T_camera_marker, request.focal_length);
+  };
+  for (const PlacedMarker& marker : request.unconfirmed) {
+    const MarkerDetection* const detection = find(result.detected_markers(), marker.id);
+    const bool elsewhere = detection && tilted_otherwise(*detection, marker.T_camera_marker);
+    result.sightings.push_back(elsewhere                  ? Sighting::elsewhere
+                               : shows(marker, detection) ? Sighting::there
+                                                          : Sighting::none);
+  }
+  return result;
+}
+
+}  // namespace evmarker

@@ -1,0 +1,37 @@
+#pragma once
+// For how many updates events may be matched to the edges that they had at an earlier pose.
+#include <algorithm>
+
+namespace evmarker {
+
+/// Choosing an event's edge anew after every update would make matching in groups impossible. However fast the marker
+/// is, a tenth as many events as its edges are long in the image [px] move them by half a pixel at most: for so many
+/// matched events the choice at an earlier pose holds, and for 32 at most, which with the others make a group.
+class ChoiceLifetime {
+ public:
+  /// Edges have been chosen at a new pose, and nothing has been matched since the last update.
+  void begin(double edge_length_px, int events_per_update) noexcept {
+    const double updates = std::min(kMostEvents, edge_length_px / 10) / events_per_update;
+    most_updates_ = updates > 1 ? static_cast<int>(updates) : 1;
+    updates_ = 0;
+  }
+
+  /// Counts an update. True if edges must be chosen at the pose that it leads to.
+  bool over_after_update() noexcept { return ++updates_ >= most_updates_; }
+
+  /// True if no update has passed since the edges were chosen.
+  bool fresh() const noexcept { return updates_ == 0; }
+
+  /// How many more events may be matched until the edges must be chosen anew.
+  /// @param matched since the last update
+  int events_left(int events_per_update, int matched) const noexcept {
+    return (most_updates_ - updates_) * events_per_update - matched;
+  }
+
+ private:
+  static constexpr double kMostEvents = 32;
+
+  int most_updates_ = 1, updates_ = 0;
+};
+
+}  // namespace evmarker
