@@ -78,8 +78,9 @@ constexpr std::optional<std::int64_t> parse_decimal(std::string_view text, int p
     text.remove_prefix(1);
     digits += detail::consume_digits(text, number, true);
   }
+  if (digits == 0) return std::nullopt;
   const auto power = detail::consume_exponent(text);
-  if (digits == 0 || !power || !text.empty()) return std::nullopt;
+  if (!power || !text.empty()) return std::nullopt;
   number.exponent += *power + places;
   const auto magnitude = detail::round_to_integer(number);
   return negative && magnitude ? -*magnitude : magnitude;
