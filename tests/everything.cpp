@@ -24,7 +24,6 @@
 #include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/event_reader.hpp"
 #include "evmarker/io/evt2.hpp"
-#include "evmarker/io/evt21.hpp"
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/line_reader.hpp"

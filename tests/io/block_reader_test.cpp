@@ -17,7 +17,7 @@ std::string text(std::span<const std::byte> bytes) {
 
 }  // namespace
 
-TEST_CASE("BlockReader: blocks in order, what is kept comes first, the end repeats") {
+TEST_CASE("BlockReader: blocks in order, preceded by what is kept, at the end only that") {
   const TemporaryFolder folder;
   BlockReader reader(write_file(folder / "a", "abcdefghij"), 4);
   CHECK(reader.bytes_total() == 10);

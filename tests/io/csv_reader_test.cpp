@@ -60,14 +60,14 @@ TEST_CASE("CsvReader: separators, blanks, line ends, comments and polarities") {
   CHECK(read("  100 5 6 1\n  101 7 8 0\n") == expected);
 }
 
-TEST_CASE("CsvReader: column names tell order and unit") {
+TEST_CASE("CsvReader: column names give order and unit") {
   const std::vector<Event> expected{{5, 6, 1, 100}, {7, 8, 0, 101}};
   CHECK(read("p,t_us,y,x\n1,100,6,5\n0,101,8,7\n") == expected);
   CHECK(read("x,y,polarity,timestamp [s]\n5,6,1,0.0001\n7,8,0,0.000101\n") == expected);
   CHECK(read("index,t,x,y,on\n0,100,5,6,1\n1,101,7,8,0\n") == expected);
 }
 
-TEST_CASE("CsvReader: what the options say goes before what is recognised") {
+TEST_CASE("CsvReader: options have precedence over what is recognised") {
   CHECK(read("6,5,100,1\n", {.sensor_size = SensorSize{640, 480}, .layout = {.columns = "yxtp"}}) ==
         std::vector<Event>{{5, 6, 1, 100}});
   CHECK(read("2 1 0 1\n", {.sensor_size = SensorSize{640, 480}, .layout = {.time_unit = TimeUnit::seconds}}) ==
@@ -78,12 +78,12 @@ TEST_CASE("CsvReader: what the options say goes before what is recognised") {
         std::vector<Event>{{5, 6, 1, 100}});
 }
 
-TEST_CASE("CsvReader: order recognised where only one is possible") {
+TEST_CASE("CsvReader: the order of columns is recognised where only one is possible") {
   CHECK(read("100,5,6,1\n101,7,8,0\n") == std::vector<Event>{{5, 6, 1, 100}, {7, 8, 0, 101}});  // commas, time first
   CHECK(read("5 6 1 100\n7 8 0 101\n") == std::vector<Event>{{5, 6, 1, 100}, {7, 8, 0, 101}});  // blanks, time last
 }
 
-TEST_CASE("CsvReader: a line with a mistake is named after all events before it") {
+TEST_CASE("CsvReader: a malformed line is reported after all events before it") {
   CHECK(contains(error_in("5,6,1,100\n5,6,1,101\n5,abc,1,102\n5,6,1,103\n"), "a.csv: line 3: y is 'abc' (byte 20)"));
   CHECK(contains(error_in("5,6,1,100\n5,6,2,101\n5,6,0,9\n"), "line 2: p is '2'"));
   CHECK(contains(error_in("5,6,1,100\n5,6,1\n5,6,0,9\n"), "line 2: no t"));
@@ -107,14 +107,14 @@ TEST_CASE("CsvReader: cut at any byte, it yields every whole event before the cu
     CsvReader reader(write_file(folder / "a.csv", text.substr(0, cut)), {.layout = {.columns = "xypt"}});
     const auto events = drain(reader);
     whole_lines = static_cast<std::size_t>(std::count(text.begin() + 18, text.begin() + static_cast<long>(cut), '\n'));
-    CHECK(events.size() >= whole_lines);  // a last line may be cut inside its time and not look cut
+    CHECK(events.size() >= whole_lines);  // a line cut off within its time may look complete
     CHECK(events.size() <= whole_lines + 1);
     if (events.size() == whole_lines) CHECK((reader.statistics().truncated_bytes > 0) == (text[cut - 1] != '\n'));
   }
   CHECK(whole_lines == 3);
 }
 
-TEST_CASE("CsvReader: off the sensor, back in time, shifted") {
+TEST_CASE("CsvReader: events off the sensor, steps back in time, shift to zero") {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "a.csv",
                                "%geometry:20,10\n1,1,1,100\n20,1,1,101\n-1,1,0,102\n1,10,0,103\n"
@@ -124,11 +124,11 @@ TEST_CASE("CsvReader: off the sensor, back in time, shifted") {
   CHECK(reader.statistics() == RecordingStatistics{.events = 3, .off_sensor = 4, .time_steps_back = 1});
 }
 
-TEST_CASE("CsvReader: one clear line for a file it cannot read") {
+TEST_CASE("CsvReader: one clear line for a file that cannot be read") {
   CHECK(contains(error_in(""), "a.csv: the file is empty"));
   CHECK(contains(error_in("5,6,1,100\n", {}), "no sensor size: put a first line '%geometry:WIDTH,HEIGHT'"));
-  CHECK(contains(error_in("this is a letter\nto someone\n"), "cannot tell the columns"));
-  CHECK(contains(error_in("5,6\n7,8\n"), "cannot tell the columns"));
+  CHECK(contains(error_in("this is a letter\nto someone\n"), "cannot recognise the columns"));
+  CHECK(contains(error_in("5,6\n7,8\n"), "cannot recognise the columns"));
   CHECK(contains(error_of([&] { CsvReader("/no/such/file.csv", kSize); }), "/no/such/file.csv: cannot open"));
   CHECK(contains(error_of<std::invalid_argument>([&] {
                    read("5,6,1,100\n", {.sensor_size = SensorSize{640, 480}, .layout = {.columns = "xyp"}});
@@ -193,7 +193,7 @@ TEST_CASE("CsvWriter: what is written is read back") {
   CHECK(reader.statistics().time_steps_back > 0);
 }
 
-TEST_CASE("CsvWriter: refuses what is off the sensor, leaves nothing half written") {
+TEST_CASE("CsvWriter: refuses events off the sensor and leaves no file behind") {
   const TemporaryFolder folder;
   {
     CsvWriter writer(folder / "a.csv", {640, 480});

@@ -24,7 +24,7 @@ TEST_CASE("parse_decimal: seconds to microseconds without loss") {
   CHECK(parse_decimal("9223372036854775807", 0) == std::numeric_limits<std::int64_t>::max());
 }
 
-TEST_CASE("parse_decimal: what is no number, or too large, is nothing") {
+TEST_CASE("parse_decimal: nothing for text that is not a number, or too large a number") {
   for (const char* text : {"", "-", ".", "abc", "1.2.3", "1e", "1e+", "1ee5", "1 ", " 1", "0x10", "nan", "inf", "--1",
                            "1e12345", "9223372036854775808", "1e19", "99999999999999999999999"})
     CHECK_MESSAGE(!parse_decimal(text, 0), text);

@@ -13,17 +13,13 @@ using namespace evmarker::io::test;
 
 static_assert(EventSource<EventReader>);
 
-TEST_CASE("EventReader: the same events from RAW and text, whatever the name") {
+TEST_CASE("EventReader: the same events from RAW and text, whatever the file name") {
   const TemporaryFolder folder;
   const auto events = random_events({640, 480}, 5000, 1);
-  const auto write = [&](auto writer) {
-    writer.write(events);
-    writer.close();
-  };
-  write(RawWriter(folder / "a.raw", {640, 480}, RawFormat::evt2));
-  write(RawWriter(folder / "b", {640, 480}, RawFormat::evt3));
-  write(CsvWriter(folder / "c.csv", {640, 480}));
-  write(CsvWriter(folder / "d.TXT", {640, 480}));
+  write_and_close(RawWriter(folder / "a.raw", {640, 480}, RawFormat::evt2), events);
+  write_and_close(RawWriter(folder / "b", {640, 480}, RawFormat::evt3), events);
+  write_and_close(CsvWriter(folder / "c.csv", {640, 480}), events);
+  write_and_close(CsvWriter(folder / "d.TXT", {640, 480}), events);
   for (const char* name : {"a.raw", "b", "c.csv", "d.TXT"}) {
     EventReader reader(folder / name);
     CHECK(reader.kind() == (name[0] < 'c' ? RecordingKind::raw : RecordingKind::text));
@@ -46,22 +42,20 @@ TEST_CASE("EventReader: options reach the reader") {
   CHECK(raw.sensor_size() == SensorSize{64, 48});
 }
 
-TEST_CASE("EventReader: kinds it cannot read yet are named, by content or extension") {
+TEST_CASE("EventReader: unsupported kinds are reported by name, by content or extension") {
   using namespace std::string_literals;
   const TemporaryFolder folder;
-  const auto open = [&](const char* name, const std::string& content) {
-    return error_of([&] { EventReader(write_file(folder / name, content)); });
-  };
-  CHECK(contains(open("a.dat", "% Data file\n% Version 2\n\x0c\x08"), "DAT recordings are not supported yet"));
-  CHECK(contains(open("a.bin", "% Version 2\n\x0c\x08"), "DAT"));
-  CHECK(contains(open("a", "#!AER-DAT4.0\r\n"), "AEDAT"));
-  CHECK(contains(open("a", "\x89HDF\r\n\x1a\n"), "HDF5"));
-  CHECK(contains(open("a", "#ROSBAG V2.0\n"), "rosbag"));
-  CHECK(contains(open("a.h5", "\x01\x02"), "HDF5"));
-  CHECK(contains(open("a.BAG", "\x01\x02"), "rosbag"));
-  CHECK(contains(open("a.mp4", "\x01\x02"), "these are: Prophesee RAW (EVT2, EVT2.1, EVT3), text"));
-  CHECK(contains(open("a.raw", "\x01\x02"), "not a Prophesee RAW recording"));
-  CHECK(contains(open("a.csv", ""), "a.csv: the file is empty"));
+  CHECK(refuses<EventReader>(folder / "a.dat", "% Data file\n% Version 2\n\x0c\x08",
+                             "DAT recordings are not supported yet"));
+  CHECK(refuses<EventReader>(folder / "a.bin", "% Version 2\n\x0c\x08", "DAT"));
+  CHECK(refuses<EventReader>(folder / "a", "#!AER-DAT4.0\r\n", "AEDAT"));
+  CHECK(refuses<EventReader>(folder / "a", "\x89HDF\r\n\x1a\n", "HDF5"));
+  CHECK(refuses<EventReader>(folder / "a", "#ROSBAG V2.0\n", "rosbag"));
+  CHECK(refuses<EventReader>(folder / "a.h5", "\x01\x02", "HDF5"));
+  CHECK(refuses<EventReader>(folder / "a.BAG", "\x01\x02", "rosbag"));
+  CHECK(refuses<EventReader>(folder / "a.mp4", "\x01\x02", "these are: Prophesee RAW (EVT2, EVT2.1, EVT3), text"));
+  CHECK(refuses<EventReader>(folder / "a.raw", "\x01\x02", "not a Prophesee RAW recording"));
+  CHECK(refuses<EventReader>(folder / "a.csv", "", "a.csv: the file is empty"));
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
 }
 

@@ -38,7 +38,7 @@ TEST_CASE("read_tum: comments, blanks and exact times") {
   CHECK((turned - Eigen::Vector3d::UnitY()).norm() < 1e-7);
 }
 
-TEST_CASE("read_tum: mistakes are named with their line") {
+TEST_CASE("read_tum: malformed lines are reported with their number") {
   CHECK(contains(error_in(read_tum, "1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n"), "p: line 2: has 7 numbers"));
   CHECK(contains(error_in(read_tum, "# c\nx 0 0 0 0 0 0 1\n"), "line 2: t is 'x'"));
   CHECK(contains(error_in(read_tum, "1 0 zero 0 0 0 0 1\n"), "line 1: ty is 'zero'"));
@@ -48,7 +48,7 @@ TEST_CASE("read_tum: mistakes are named with their line") {
   CHECK(contains(error_of([] { read_tum("/no/such.tum"); }), "/no/such.tum: cannot open"));
 }
 
-TEST_CASE("read_pose_csv: columns by name, those that are not needed may be missing") {
+TEST_CASE("read_pose_csv: columns are found by name, optional ones may be missing") {
   const TemporaryFolder folder;
   const auto poses = read_pose_csv(
       write_file(folder / "a.csv", "marker_id,t_us,qw,qx,qy,qz,tx,ty,tz,note\n5,77,1,0,0,0,1,2,3,hello\n"));
@@ -63,7 +63,7 @@ TEST_CASE("read_pose_csv: columns by name, those that are not needed may be miss
   CHECK(poses[0].quality.loss_reason == LossReason::none);
 }
 
-TEST_CASE("read_pose_csv: a table from before health and reasons were told is read, and one with them") {
+TEST_CASE("read_pose_csv: a table is read with and without health and loss reason") {
   const TemporaryFolder folder;
   const std::string row = "1,2,lost,0,0,1,0,0,0,1,5,0.5,3,0.25";
   const auto before = read_pose_csv(write_file(folder / "before.csv", kColumns + row + "\n"));
@@ -82,7 +82,7 @@ TEST_CASE("read_pose_csv: a table from before health and reasons were told is re
   CHECK(contains(error_in(read_pose_csv, columns + row + ",well,hidden\n"), "line 2: health is 'well'"));
 }
 
-TEST_CASE("read_pose_csv: mistakes are named with their line") {
+TEST_CASE("read_pose_csv: malformed lines are reported with their number") {
   CHECK(contains(error_in(read_pose_csv, ""), "empty"));
   CHECK(contains(error_in(read_pose_csv, "t_us,tx\n"), "line 1: no column 'marker_id'"));
   CHECK(contains(error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan\n"),
@@ -94,7 +94,7 @@ TEST_CASE("read_pose_csv: mistakes are named with their line") {
       contains(error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan,?\n"), "backtrack_rad is '?'"));
 }
 
-TEST_CASE("Trajectory: straight and along the shortest arc, nothing outside") {
+TEST_CASE("Trajectory: linear and along the shortest arc, nothing outside the samples") {
   TimedPose a{.t = 1000}, b{.t = 3000};
   a.T_camera_marker.translation() = Eigen::Vector3d(0, 0, 1);
   b.T_camera_marker = Eigen::Translation3d(1, 0, 3) * Eigen::AngleAxisd(1.2, Eigen::Vector3d(1, 2, 2) / 3);
@@ -113,7 +113,7 @@ TEST_CASE("Trajectory: straight and along the shortest arc, nothing outside") {
                  "pose 1 at 1000 us does not follow 3000"));
 }
 
-TEST_CASE("Trajectory: a turn through 180 degrees takes the short way") {
+TEST_CASE("Trajectory: rotation beyond 180 degrees is interpolated along the shorter arc") {
   TimedPose a{.t = 0}, b{.t = 100};
   a.T_camera_marker.linear() = Eigen::AngleAxisd(3.0, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   b.T_camera_marker.linear() = Eigen::AngleAxisd(-3.0, Eigen::Vector3d::UnitZ()).toRotationMatrix();
@@ -121,7 +121,7 @@ TEST_CASE("Trajectory: a turn through 180 degrees takes the short way") {
   CHECK((Trajectory({a, b}).at(50)->linear() - half).norm() < 1e-12);
 }
 
-TEST_CASE("GroundTruth: TUM is any marker's, a table each its own") {
+TEST_CASE("GroundTruth: TUM applies to any marker, a table to each of its markers") {
   const TemporaryFolder folder;
   const auto tum = GroundTruth::read(write_file(folder / "a.tum", "# truth\n1 0 0 1 0 0 0 1\n2 0 0 3 0 0 0 1\n"));
   CHECK(tum.ids().empty());

@@ -46,7 +46,7 @@ std::vector<PoseEstimate> random_poses(std::size_t count) {
 
 }  // namespace
 
-TEST_CASE("PoseCsvWriter: the table's exact text") {
+TEST_CASE("PoseCsvWriter: the exact text of a table") {
   const TemporaryFolder folder;
   PoseCsvWriter writer(folder / "poses.csv");
   PoseEstimate pose;
@@ -95,7 +95,7 @@ TEST_CASE("PoseCsvWriter: numbers read back exactly, the quaternion with w >= 0"
   }
 }
 
-TEST_CASE("Pose writers: dropped without close, they leave nothing") {
+TEST_CASE("Pose writers: destroyed without close, they leave no file") {
   const TemporaryFolder folder;
   {
     PoseCsvWriter table(folder / "poses.csv");

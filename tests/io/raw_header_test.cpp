@@ -8,7 +8,7 @@ using namespace evmarker;
 using namespace evmarker::io;
 using namespace evmarker::io::test;
 
-TEST_CASE("RAW header: the format line wins over evt and geometry") {
+TEST_CASE("RAW header: the format line has precedence over evt and geometry") {
   const std::string text = "% evt 2.0\n% format EVT3;height=720;width=1280\n% geometry 640x480\n% end\n";
   const RawHeader header = parse_raw_header(text + "% x", "a.raw");
   CHECK(header.format == RawFormat::evt3);
@@ -30,13 +30,13 @@ TEST_CASE("RAW header: versions, line ends, geometry and system_ID") {
   CHECK_FALSE(parse_raw_header("% format EVT21;endianness=little\n", "a").halves_swapped);
 }
 
-TEST_CASE("RAW header: without end line it ends at the first word, even one that begins like a line") {
+TEST_CASE("RAW header: without end line it ends at the first event word, even one that begins like a header line") {
   using namespace std::string_literals;
   CHECK(parse_raw_header("% evt 2.0\n\xd0\xd8\xd9\x80", "a").bytes == 10);
   CHECK(parse_raw_header("% evt 3.0\n% \x01\x00\x0a"s, "a").bytes == 10);
 }
 
-TEST_CASE("RAW header: what is made is parsed") {
+TEST_CASE("RAW header: make_raw_header and parse_raw_header are inverse") {
   for (const RawFormat format : {RawFormat::evt2, RawFormat::evt21, RawFormat::evt3}) {
     const std::string text = make_raw_header(format, {1280, 720});
     const RawHeader header = parse_raw_header(text, "a");
@@ -46,7 +46,7 @@ TEST_CASE("RAW header: what is made is parsed") {
   }
 }
 
-TEST_CASE("RAW header: errors name file and value") {
+TEST_CASE("RAW header: errors contain file and value") {
   CHECK(contains(error_of([] { parse_raw_header("% evt 4.0\n% end\n", "a.raw"); }), "a.raw: RAW encoding '4.0'"));
   CHECK(contains(error_of([] { parse_raw_header("% format EVT4;width=1\n", "a.raw"); }), "'EVT4' is not supported"));
   CHECK(contains(error_of([] { parse_raw_header("hello", "a.raw"); }), "not a Prophesee RAW recording"));

@@ -47,7 +47,7 @@ TEST_CASE("RawReader: reads EVT3 with its triggers") {
   CHECK(reader.triggers().empty());
 }
 
-TEST_CASE("RawReader: shifts time to zero where asked") {
+TEST_CASE("RawReader: shifts the first time to zero on request") {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "a.raw", "% evt 3.0\n% geometry 320x240\n% end\n" + kEvt3Words);
   RawReader reader(path, {.shift_first_time_to_zero = true});
@@ -78,7 +78,7 @@ TEST_CASE("RawReader: EVT2.1 in both byte orders") {
 TEST_CASE("RawReader: cut at any byte, it yields every whole event before the cut") {
   const TemporaryFolder folder;
   const std::string header = "% evt 3.0\n% geometry 320x240\n% end\n";
-  // Events that are whole once a word is there.
+  // Number of events that are complete after each word.
   const std::vector<std::size_t> events_after_word{0, 0, 0, 1, 1, 1, 3, 3, 4};
   for (std::size_t cut = 0; cut <= kEvt3Words.size(); ++cut) {
     RawReader reader(write_file(folder / "a.raw", header + kEvt3Words.substr(0, cut)));
@@ -88,7 +88,7 @@ TEST_CASE("RawReader: cut at any byte, it yields every whole event before the cu
     CHECK(std::equal(events.begin(), events.end(), kEvt3Events.begin()));
     CHECK(reader.statistics().truncated_bytes == cut % 2);
   }
-  for (std::size_t cut = 0; cut < header.size(); ++cut) {  // inside the header: one error, or a recording of nothing
+  for (std::size_t cut = 0; cut < header.size(); ++cut) {  // within the header: an error, or no events
     const auto path = write_file(folder / "b.raw", header.substr(0, cut));
     std::size_t events = 0;
     const std::string error = error_of([&] {
@@ -103,9 +103,7 @@ TEST_CASE("RawReader: cut at any byte, it yields every whole event before the cu
 TEST_CASE("RawReader: cut at any byte, EVT2") {
   const TemporaryFolder folder;
   const auto events = random_events({640, 480}, 20, 1);
-  RawWriter writer(folder / "whole.raw", {640, 480}, RawFormat::evt2);
-  writer.write(events);
-  writer.close();
+  write_and_close(RawWriter(folder / "whole.raw", {640, 480}, RawFormat::evt2), events);
   const std::string whole = read_file(folder / "whole.raw");
   const std::size_t header = whole.find("% end\n") + 6;
   std::size_t most = 0;
@@ -121,26 +119,23 @@ TEST_CASE("RawReader: cut at any byte, EVT2") {
   CHECK(most == events.size());
 }
 
-TEST_CASE("RawReader: one clear line for a file it cannot read") {
+TEST_CASE("RawReader: one clear line for a file that cannot be read") {
   const TemporaryFolder folder;
-  const auto open = [&](const char* name, const std::string& content) {
-    return error_of([&] { RawReader(write_file(folder / name, content)); });
-  };
   CHECK(contains(error_of([&] { RawReader(folder / "none.raw"); }), "none.raw: cannot open: No such file"));
   CHECK(contains(error_of([&] { RawReader(folder / "."); }), "is a directory"));
-  CHECK(contains(open("empty.raw", ""), "empty.raw: the file is empty"));
-  CHECK(contains(open("noise.raw", "\x01\x02\x03"), "noise.raw: not a Prophesee RAW recording"));
-  CHECK(contains(open("dat.raw", "% Version 2\n\x0c\x08"), "not a Prophesee RAW recording"));
-  CHECK(contains(open("evt4.raw", "% format EVT4;height=1;width=1\n% end\n"), "'EVT4' is not supported"));
-  CHECK(contains(open("size.raw", "% evt 3.0\n% end\n"), "no sensor size"));
-  CHECK(contains(open("geometry.raw", "% evt 3.0\n% geometry 12ax7\n% end\n"), "geometry is '12ax7'"));
-  CHECK(contains(open("huge.raw", "% evt 3.0\n% geometry 99999x7\n% end\n"), "99999 x 7"));
-  CHECK(contains(open("cut.raw", "% evt 3.0\n% geome"), "cut off inside its header (byte 10)"));
+  CHECK(refuses<RawReader>(folder / "empty.raw", "", "empty.raw: the file is empty"));
+  CHECK(refuses<RawReader>(folder / "noise.raw", "\x01\x02\x03", "noise.raw: not a Prophesee RAW recording"));
+  CHECK(refuses<RawReader>(folder / "dat.raw", "% Version 2\n\x0c\x08", "not a Prophesee RAW recording"));
+  CHECK(refuses<RawReader>(folder / "evt4.raw", "% format EVT4;height=1;width=1\n% end\n", "'EVT4' is not supported"));
+  CHECK(refuses<RawReader>(folder / "size.raw", "% evt 3.0\n% end\n", "no sensor size"));
+  CHECK(refuses<RawReader>(folder / "geometry.raw", "% evt 3.0\n% geometry 12ax7\n% end\n", "geometry is '12ax7'"));
+  CHECK(refuses<RawReader>(folder / "huge.raw", "% evt 3.0\n% geometry 99999x7\n% end\n", "99999 x 7"));
+  CHECK(refuses<RawReader>(folder / "cut.raw", "% evt 3.0\n% geome", "cut off inside its header (byte 10)"));
   for (const char* name : {"empty.raw", "noise.raw", "evt4.raw", "cut.raw"})
     CHECK(error_of([&] { RawReader(folder / name); }).find('\n') == std::string::npos);
 }
 
-TEST_CASE("RawReader: the error carries path, offset and reason") {
+TEST_CASE("RawReader: the error contains path, offset and reason") {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "cut.raw", "% evt 3.0\n% geome");
   try {
@@ -156,9 +151,7 @@ TEST_CASE("RawReader: the error carries path, offset and reason") {
 TEST_CASE("RawReader: a recording longer than its blocks, moved while it is read") {
   const TemporaryFolder folder;
   const auto events = random_events({640, 480}, 1500000, 9);
-  RawWriter writer(folder / "a.raw", {640, 480}, RawFormat::evt2);
-  writer.write(events);
-  writer.close();
+  write_and_close(RawWriter(folder / "a.raw", {640, 480}, RawFormat::evt2), events);
   REQUIRE(std::filesystem::file_size(folder / "a.raw") > 3 * BlockReader::kBlockBytes);
   RawReader reader(folder / "a.raw");
   const auto first = reader.next_batch();
@@ -172,15 +165,13 @@ TEST_CASE("RawReader: a recording longer than its blocks, moved while it is read
   CHECK(moved.bytes_read() == moved.bytes_total());
 }
 
-TEST_CASE("RawReader: dropped half-way, its read-ahead ends with it") {
+TEST_CASE("RawReader: destroyed while a block is being read") {
   const TemporaryFolder folder;
-  RawWriter writer(folder / "a.raw", {640, 480});
-  writer.write(random_events({640, 480}, 1500000, 9));
-  writer.close();
+  write_and_close(RawWriter(folder / "a.raw", {640, 480}), random_events({640, 480}, 1500000, 9));
   for (int i = 0; i < 50; ++i) CHECK(!RawReader(folder / "a.raw").next_batch().empty());
 }
 
-TEST_CASE("RawReader: garbled recordings neither crash nor leave the sensor") {
+TEST_CASE("RawReader: garbled recordings neither crash nor yield events off the sensor") {
   const TemporaryFolder folder;
   std::mt19937 random(123);
   std::size_t yielded = 0;

@@ -46,14 +46,14 @@ TEST_CASE("RawWriter: a polarity of -1 is OFF") {
   CHECK(drain(reader) == std::vector<Event>{{1, 2, 0, 3}});
 }
 
-TEST_CASE("RawWriter: the file appears whole or not at all") {
+TEST_CASE("RawWriter: the file appears complete or not at all") {
   const TemporaryFolder folder;
   write_file(folder / "a.raw", "old");
   try {
     RawWriter writer(folder / "a.raw", {10, 10});
     writer.write(std::vector<Event>{{1, 2, 1, 3}});
     CHECK(std::filesystem::exists(folder / "a.raw.part"));
-    throw std::runtime_error("on the way");
+    throw std::runtime_error("before close");
   } catch (const std::runtime_error&) {
   }
   CHECK(read_file(folder / "a.raw") == "old");
@@ -68,7 +68,7 @@ TEST_CASE("RawWriter: the file appears whole or not at all") {
   CHECK(contains(error_of([&] { moved.write(std::vector<Event>(1000000, Event{1, 2, 1, 3})); }), "a.raw"));
 }
 
-TEST_CASE("RawWriter: assigning a writer to another drops what that one had begun") {
+TEST_CASE("RawWriter: assignment removes the unfinished file of the writer assigned to") {
   const TemporaryFolder folder;
   RawWriter writer(folder / "a.raw", {10, 10});
   writer = RawWriter(folder / "b.raw", {10, 10});
@@ -109,7 +109,7 @@ TEST_CASE("RawWriter: one clear line for what cannot be written") {
   CHECK(folder.files() == 0);
 }
 
-TEST_CASE("RawWriter: a full disk is told") {
+TEST_CASE("RawWriter: a full disk is reported") {
   if (!std::filesystem::exists("/dev/full")) {
     MESSAGE("skipped: no /dev/full");
     return;

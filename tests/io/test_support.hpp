@@ -1,5 +1,5 @@
 #pragma once
-// Shared by the io tests: temporary folders, hand-made bytes, draining of readers.
+// What the io tests share: temporary folders, bytes of hand-made words, decoding and reading to the end, errors.
 #include <unistd.h>
 
 #include <cstdint>
@@ -14,11 +14,13 @@
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_statistics.hpp"
 
 namespace evmarker::io::test {
 
-/// A folder of its own for each test, removed with everything in it.
+/// A new folder, removed with everything in it.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
@@ -65,7 +67,28 @@ std::string to_bytes(const std::vector<Word>& words) {
 
 inline std::span<const std::byte> as_span(const std::string& bytes) { return std::as_bytes(std::span(bytes)); }
 
-/// Every event of a source, in order; also its triggers.
+struct Decoded {
+  std::vector<Event> events;
+  std::vector<TriggerEvent> triggers;
+  RecordingStatistics statistics;
+};
+
+/// What `decoder` yields from all of `bytes`.
+template <typename Decoder>
+Decoded decode_with(Decoder decoder, std::span<const std::byte> bytes) {
+  Decoded decoded;
+  decode_append(decoder, bytes, decoded.events, decoded.triggers);
+  decoded.statistics = decoder.statistics();
+  return decoded;
+}
+
+template <typename Writer>
+void write_and_close(Writer writer, std::span<const Event> events) {
+  writer.write(events);
+  writer.close();
+}
+
+/// All events of a source, in order, and its triggers.
 template <typename Source>
 std::vector<Event> drain(Source& source, std::vector<TriggerEvent>* triggers = nullptr) {
   std::vector<Event> events;
@@ -77,7 +100,7 @@ std::vector<Event> drain(Source& source, std::vector<TriggerEvent>* triggers = n
   }
 }
 
-/// The line of the error that `call` throws; empty where it throws none.
+/// Message of the error that `call` throws; empty where it throws none.
 template <typename Error = RecordingError, typename Call>
 std::string error_of(Call&& call) {
   try {
@@ -90,7 +113,14 @@ std::string error_of(Call&& call) {
 
 inline bool contains(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
 
-/// Events in clusters along rows, as edges make them, some of them single; with pauses and steps back on demand.
+/// True if the error of opening a file of this content contains `part`.
+template <typename Reader>
+bool refuses(const std::filesystem::path& path, std::string_view content, std::string_view part) {
+  return contains(error_of([&] { Reader(write_file(path, content)); }), part);
+}
+
+/// Single events and clusters along a row, as edges cause them, with pauses.
+/// @param steps_back true for times that sometimes go back
 inline std::vector<Event> random_events(SensorSize size, std::size_t count, unsigned seed, bool steps_back = false) {
   std::mt19937 random(seed);
   const auto below = [&](int limit) { return static_cast<int>(random() % static_cast<unsigned>(limit)); };

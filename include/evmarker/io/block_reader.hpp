@@ -1,5 +1,5 @@
 #pragma once
-// A file in blocks: the next one is read while the present one is decoded.
+// A file in blocks: while one is decoded, the next is read on another thread.
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -23,9 +23,9 @@ namespace evmarker::io {
 class BlockReader {
  public:
   static constexpr std::size_t kBlockBytes = std::size_t{1} << 20;
-  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;  ///< longest piece carried over to the next block
+  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;  ///< most bytes kept from the block before
 
-  /// @throws RecordingError where the file is missing, a directory or not readable
+  /// @throws RecordingError where the file is missing, is a directory or cannot be opened
   explicit BlockReader(std::filesystem::path path, std::size_t block_bytes = kBlockBytes)
       : state_(std::make_unique<State>()) {
     state_->path = std::move(path);
@@ -41,8 +41,9 @@ class BlockReader {
     read_ahead();
   }
 
-  /// The next block, preceded by the last `keep` (at most kMaxKeep) bytes of the block before; only those at the end.
-  /// Valid until the next call. @throws RecordingError where the device fails
+  /// The last `keep` bytes (at most kMaxKeep) of the block before and the next block, which is empty at the end of the
+  /// file; valid until the next call.
+  /// @throws RecordingError where reading fails
   std::span<const std::byte> next(std::size_t keep = 0) {
     keep = std::min({keep, block_.size(), kMaxKeep});
     const auto kept = block_.last(keep);
@@ -57,15 +58,15 @@ class BlockReader {
     return block_;
   }
 
-  /// True once a call of `next` found nothing more to read.
+  /// True after a call of `next` that reached the end of the file.
   bool at_end() const noexcept { return at_end_; }
   const std::filesystem::path& path() const noexcept { return state_->path; }
-  /// Size of the file when it was opened; 0 where it has none, as a pipe.
+  /// Size of the file when it was opened [bytes]; 0 where it has none, like a pipe.
   std::uint64_t bytes_total() const noexcept { return bytes_total_; }
 
  private:
-  // On the heap so that a read under way keeps its address when the reader is moved. The future comes last: it is
-  // destroyed first and waits for that read.
+  // On the heap, so that moving the reader does not move what the other thread uses. The future is the last member, so
+  // that it is destroyed first: its destructor waits for that thread.
   struct State {
     std::filesystem::path path;
     std::size_t block_bytes = 0;
@@ -77,7 +78,7 @@ class BlockReader {
   };
 
   void read_ahead() {
-    // Where the system has no thread to spare, this policy reads when the block is asked for.
+    // With both policies, a system that cannot start a thread reads in next() instead.
     state_->ahead = std::async(std::launch::async | std::launch::deferred, [state = state_.get()] {
       auto& buffer = state->buffers[state->filling];
       buffer.resize(kMaxKeep + state->block_bytes);

@@ -1,5 +1,5 @@
 #pragma once
-// Text recordings, one event a line, as a source of events.
+// Text recordings with one event in each line, as a source of events.
 #include <algorithm>
 #include <charconv>
 #include <cstddef>
@@ -25,21 +25,22 @@
 namespace evmarker::io {
 
 struct CsvReaderOptions {
-  /// For files that do not tell it; a file that does wins.
+  /// For files without sensor size; the size in a file has precedence.
   std::optional<SensorSize> sensor_size = std::nullopt;
-  /// Subtracts the time of the first event from all.
+  /// True to subtract the time of the first event from all.
   bool shift_first_time_to_zero = false;
   TextLayout layout = {};
 };
 
-/// Reads Metavision CSV (`x,y,p,t` [us], optional first line `%geometry:W,H`), RPG text (`t x y p`, t in seconds) and
-/// their relatives of any length in constant memory; an `EventSource`. Polarity is 0 or 1, or -1 or 1.
+/// Reads text recordings of any length in constant memory; an `EventSource`. These are Metavision CSV (`x,y,p,t`, t in
+/// microseconds, optionally `%geometry:W,H` before), RPG text (`t x y p`, t in seconds) and similar ones. Polarities
+/// are 0 and 1, or -1 and 1.
 class CsvReader {
  public:
   using event_type = Event;
 
-  /// @throws RecordingError where the file is missing, empty, no text of events or of unknown sensor size
-  /// @throws std::invalid_argument where the options name no usable columns
+  /// @throws RecordingError where the file is missing or empty, or its columns or sensor size cannot be found
+  /// @throws std::invalid_argument where the columns or the sensor size of the options are unusable
   explicit CsvReader(std::filesystem::path path, const CsvReaderOptions& options = {})
       : lines_(std::move(path)), shift_(options.shift_first_time_to_zero) {
     if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");
@@ -61,7 +62,7 @@ class CsvReader {
   const RecognizedText& layout() const noexcept { return text_; }
 
   /// The next events in the order of the file, valid until the next call; none at the end.
-  /// @throws RecordingError naming line and value where a line is malformed, after all events before it
+  /// @throws RecordingError naming line and value of a malformed line, once all events before it are delivered
   std::span<const Event> next_batch() {
     batch_.clear();
     if (failure_) throw *failure_;
@@ -71,7 +72,7 @@ class CsvReader {
       try {
         read(*line);
       } catch (const RecordingError& error) {
-        if (!lines_.line_ended()) {  // the recording was cut in this line
+        if (!lines_.line_ended()) {  // the recording was cut off within this line
           statistics_.truncated_bytes += line->size();
           break;
         }
@@ -84,11 +85,11 @@ class CsvReader {
     return batch_;
   }
 
-  /// Text recordings have none.
+  /// None: text recordings have no triggers.
   std::span<const TriggerEvent> triggers() const noexcept { return {}; }
   RecordingStatistics statistics() const noexcept { return statistics_; }
-  /// Progress: bytes decoded so far and in the whole file (0 where that is not known).
   std::uint64_t bytes_read() const noexcept { return lines_.bytes_read(); }
+  /// Size of the file; 0 where it has none, like a pipe.
   std::uint64_t bytes_total() const noexcept { return lines_.bytes_total(); }
 
  private:
@@ -99,13 +100,13 @@ class CsvReader {
     Timestamp t = 0;
   };
 
-  void require_columns(const TextLayout& asked) const {
+  void require_columns(const TextLayout& requested) const {
     const auto once = [&](char name) { return std::ranges::count(text_.columns, name) == 1; };
     if (once('x') && once('y') && once('p') && once('t')) return;
-    if (!asked.columns.empty())
-      throw std::invalid_argument("columns is '" + asked.columns + "', must hold x, y, p and t once each");
-    throw RecordingError(lines_.path(),
-                         "cannot tell the columns x, y, p, t: name them in the options (layout.columns, as 'xypt')");
+    if (!requested.columns.empty())
+      throw std::invalid_argument("columns is '" + requested.columns + "', must hold x, y, p and t once each");
+    throw RecordingError(
+        lines_.path(), "cannot recognise the columns x, y, p, t: name them in the options (layout.columns, as 'xypt')");
   }
 
   void read(std::string_view line) {
@@ -128,7 +129,7 @@ class CsvReader {
   Fields parse(std::string_view line) const {
     Fields fields;
     for (const char column : text_.columns) {
-      const std::string_view field = take_field(line);
+      const std::string_view field = consume_field(line);
       switch (column) {
         case 'x': fields.x = parse_integer(field, "x"); break;
         case 'y': fields.y = parse_integer(field, "y"); break;
@@ -143,8 +144,8 @@ class CsvReader {
     return fields;
   }
 
-  // Cuts the first field off the line.
-  std::string_view take_field(std::string_view& line) const {
+  // Removes the first field from the line.
+  std::string_view consume_field(std::string_view& line) const {
     const auto is_blank = [](char c) { return c == ' ' || c == '\t'; };
     const bool blank = is_blank(text_.separator);
     const auto ends = [&](char c) { return blank ? is_blank(c) : c == text_.separator; };

@@ -15,17 +15,17 @@
 
 namespace evmarker::io {
 
-/// Writes `%geometry:W,H` and a line `x,y,p,t` [us] with p 0 or 1 for each event. The file appears under its name in
-/// `close()`; a writer that is destroyed before leaves nothing.
+/// Writes `%geometry:W,H` and for each event a line `x,y,p,t`, with p 0 or 1 and t in microseconds. The file appears
+/// under its name in `close()`; a writer that is destroyed before that leaves no file.
 class CsvWriter {
  public:
   /// @throws std::invalid_argument for a sensor without pixels, RecordingError where the file cannot be created
-  CsvWriter(std::filesystem::path path, SensorSize size) : size_(checked(size)), file_(std::move(path)) {
-    text_ = "%geometry:" + std::to_string(size.width) + "," + std::to_string(size.height) + "\n";
+  CsvWriter(std::filesystem::path path, SensorSize size) : size_(checked(size)), output_(std::move(path)) {
+    output_.buffer() = "%geometry:" + std::to_string(size.width) + "," + std::to_string(size.height) + "\n";
   }
 
-  /// @throws std::invalid_argument naming the event that is off the sensor or before time 0: none of `events` is then
-  /// written. RecordingError where the disk is full
+  /// @throws std::invalid_argument naming an event that is off the sensor or before time 0; then none is written
+  /// @throws RecordingError where the disk is full
   void write(std::span<const Event> events) {
     require_writable(events, size_, events_written_);
     for (const Event& event : events) {
@@ -33,25 +33,20 @@ class CsvWriter {
       append(event.y, ',');
       append(event.p > 0 ? 1 : 0, ',');
       append(event.t, '\n');
-      if (text_.size() >= kFlushBytes) flush();
+      output_.flush_if_large();
     }
     events_written_ += events.size();
   }
   void write(const Event& event) { write(std::span(&event, 1)); }
 
-  /// Completes the file. Calling it again does nothing. @throws RecordingError where the disk is full
-  void close() {
-    if (!file_.is_open()) return;
-    flush();
-    file_.close();
-  }
+  /// Completes the file; calling it again does nothing.
+  /// @throws RecordingError where the disk is full
+  void close() { output_.close(); }
 
   SensorSize sensor_size() const noexcept { return size_; }
   std::uint64_t events_written() const noexcept { return events_written_; }
 
  private:
-  static constexpr std::size_t kFlushBytes = std::size_t{1} << 18;
-
   static SensorSize checked(SensorSize size) {
     require_sensor_size(size, std::numeric_limits<std::uint16_t>::max() + 1);
     return size;
@@ -59,18 +54,12 @@ class CsvWriter {
 
   void append(std::int64_t value, char end) {
     char digits[24];
-    text_.append(digits, std::to_chars(digits, digits + sizeof(digits), value).ptr);
-    text_ += end;
-  }
-
-  void flush() {
-    file_.write(text_);
-    text_.clear();
+    output_.buffer().append(digits, std::to_chars(digits, digits + sizeof(digits), value).ptr);
+    output_.buffer() += end;
   }
 
   SensorSize size_;
-  OutputFile file_;
-  std::string text_;
+  BufferedOutput<std::string> output_;
   std::uint64_t events_written_ = 0;
 };
 

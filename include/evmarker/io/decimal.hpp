@@ -1,53 +1,58 @@
 #pragma once
-// Decimal numbers to integers of a smaller unit, exactly: seconds in a text file to microseconds.
+// Decimal numbers as integers of a smaller unit, exactly: seconds in a text file as microseconds.
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string_view>
 
 namespace evmarker::io {
 
-/// `text` times 10^`places`, rounded half away from zero, never through floating point; nothing where `text` is not a
-/// number like `-12.5` or `1.25e-3`, or where the result exceeds 63 bits.
-/// @param places 6 to read seconds as microseconds
-constexpr std::optional<std::int64_t> parse_decimal(std::string_view text, int places) {
-  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+namespace detail {
+
+/// The number digits * 10^exponent.
+struct Decimal {
+  std::uint64_t digits = 0;
+  int exponent = 0;
+};
+
+constexpr bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// Removes a leading sign. True where it is a minus.
+constexpr bool consume_sign(std::string_view& text) {
   const bool negative = text.starts_with('-');
   if (negative || text.starts_with('+')) text.remove_prefix(1);
+  return negative;
+}
 
-  // Value = digits * 10^exponent; from the 20th digit on they are below every unit asked for.
-  std::uint64_t digits = 0;
-  int exponent = 0, used = 0;
-  bool any = false, point = false;
-  for (; !text.empty(); text.remove_prefix(1)) {
-    const char c = text.front();
-    if (c == '.' && !point) {
-      point = true;
-      continue;
-    }
-    if (!is_digit(c)) break;
-    any = true;
-    if (used < 19) {
-      digits = digits * 10 + static_cast<std::uint64_t>(c - '0');
-      if (digits != 0) ++used;
-      exponent -= point ? 1 : 0;
-    } else if (!point) {
-      ++exponent;
-    }
+/// Removes leading digits, those of the fraction or those before the point, and appends them to `number`.
+/// @return how many there are
+constexpr std::size_t consume_digits(std::string_view& text, Decimal& number, bool fraction) {
+  constexpr std::uint64_t kFull = 1'000'000'000'000'000'000;  // has 19 digits; further ones are below every unit
+  std::size_t count = 0;
+  for (; count < text.size() && is_digit(text[count]); ++count) {
+    const bool fits = number.digits < kFull;
+    if (fits) number.digits = number.digits * 10 + static_cast<std::uint64_t>(text[count] - '0');
+    number.exponent += (fraction ? 0 : 1) - (fits ? 1 : 0);
   }
-  if (!any) return std::nullopt;
-  if (text.starts_with('e') || text.starts_with('E')) {
-    text.remove_prefix(1);
-    const bool down = text.starts_with('-');
-    if (down || text.starts_with('+')) text.remove_prefix(1);
-    if (text.empty() || text.size() > 4) return std::nullopt;
-    int power = 0;
-    for (; !text.empty() && is_digit(text.front()); text.remove_prefix(1)) power = power * 10 + (text.front() - '0');
-    exponent += down ? -power : power;
-  }
-  if (!text.empty()) return std::nullopt;
+  text.remove_prefix(count);
+  return count;
+}
 
-  exponent += places;
+/// Removes an exponent like `e-3`: -3. 0 where there is none, nothing where it is malformed or has too many digits.
+constexpr std::optional<int> consume_exponent(std::string_view& text) {
+  if (!text.starts_with('e') && !text.starts_with('E')) return 0;
+  text.remove_prefix(1);
+  const bool negative = consume_sign(text);
+  if (text.empty() || text.size() > 4) return std::nullopt;
+  int power = 0;
+  for (; !text.empty() && is_digit(text.front()); text.remove_prefix(1)) power = power * 10 + (text.front() - '0');
+  return negative ? -power : power;
+}
+
+/// The number as an integer, rounded half up; nothing where it exceeds 63 bits.
+constexpr std::optional<std::int64_t> round_to_integer(Decimal number) {
   constexpr std::uint64_t kMax = INT64_MAX;
+  auto [digits, exponent] = number;
   for (; exponent > 0 && digits != 0; --exponent) {
     if (digits > kMax / 10) return std::nullopt;
     digits *= 10;
@@ -57,8 +62,28 @@ constexpr std::optional<std::int64_t> parse_decimal(std::string_view text, int p
     digits = digits / 10 + (digits % 10 >= 5 ? 1 : 0);
   }
   if (digits > kMax) return std::nullopt;
-  const auto value = static_cast<std::int64_t>(digits);
-  return negative ? -value : value;
+  return static_cast<std::int64_t>(digits);
+}
+
+}  // namespace detail
+
+/// `text` times 10^`places`, rounded half away from zero, without floating point; nothing where `text` is not a number
+/// like `-12.5` or `1.25e-3`, or where the result exceeds 63 bits.
+/// @param places 6 to read seconds as microseconds
+constexpr std::optional<std::int64_t> parse_decimal(std::string_view text, int places) {
+  const bool negative = detail::consume_sign(text);
+  detail::Decimal number;
+  std::size_t digits = detail::consume_digits(text, number, false);
+  if (text.starts_with('.')) {
+    text.remove_prefix(1);
+    digits += detail::consume_digits(text, number, true);
+  }
+  if (digits == 0) return std::nullopt;
+  const auto power = detail::consume_exponent(text);
+  if (!power || !text.empty()) return std::nullopt;
+  number.exponent += *power + places;
+  const auto magnitude = detail::round_to_integer(number);
+  return negative && magnitude ? -*magnitude : magnitude;
 }
 
 }  // namespace evmarker::io

@@ -1,5 +1,5 @@
 #pragma once
-// What writers demand of events.
+// Checks of what a writer is given: sensor size, events, trigger channels.
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -10,7 +10,8 @@
 
 namespace evmarker::io {
 
-/// Rejects a sensor without pixels or with more than `max_side` a side.
+/// Rejects a sensor whose width or height is not in 1..`max_side` pixels.
+/// @throws std::invalid_argument
 inline void require_sensor_size(SensorSize size, int max_side) {
   const auto require = [&](const char* name, int value) {
     if (value < 1 || value > max_side)
@@ -21,8 +22,17 @@ inline void require_sensor_size(SensorSize size, int max_side) {
   require("height", size.height);
 }
 
-/// Rejects events off the sensor and before time 0, naming the event by its number in the recording.
-/// @param number of the first of them, from 0
+/// Rejects a trigger channel that is not in 0..`max_id`, the range of `encoding`.
+/// @throws std::invalid_argument
+inline void require_trigger_id(int id, int max_id, const char* encoding) {
+  if (id < 0 || id > max_id)
+    throw std::invalid_argument("trigger: id is " + std::to_string(id) + ", " + encoding + " holds 0.." +
+                                std::to_string(max_id));
+}
+
+/// Rejects events that are off the sensor or before time 0.
+/// @param number of the first event in the recording, from 0
+/// @throws std::invalid_argument with the number of the event
 inline void require_writable(std::span<const Event> events, SensorSize size, std::uint64_t number) {
   for (const Event& event : events) {
     const bool good = event.x < size.width && event.y < size.height && event.t >= 0;

@@ -1,5 +1,5 @@
 #pragma once
-// Any recording, by its content, as a source of events.
+// Recordings of any supported kind, recognised by their content, as a source of events.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -23,8 +23,9 @@
 namespace evmarker::io {
 
 struct EventReaderOptions {
-  /// For recordings that do not tell it, as most text files; one that does wins.
+  /// For recordings without sensor size, like most text files; the size in a recording has precedence.
   std::optional<SensorSize> sensor_size = std::nullopt;
+  /// True to subtract the time of the first event (in RAW, event or trigger) from all.
   bool shift_first_time_to_zero = false;
   TextLayout text_layout = {};
 };
@@ -34,7 +35,7 @@ enum class RecordingKind { raw, text };
 namespace detail {
 
 struct UnsupportedKind {
-  std::string_view name, magic, extensions;  // extensions each between blanks
+  std::string_view name, magic, extensions;  // each extension between blanks
 };
 
 inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
@@ -66,8 +67,8 @@ inline bool looks_like_text(std::string_view head) {
 
 }  // namespace detail
 
-/// What the file holds, by its content first and its extension second.
-/// @throws RecordingError where it is missing, empty or of a kind that is not supported
+/// Kind of a recording, by its content first and its extension second.
+/// @throws RecordingError where the file is missing, empty or of a kind that is not supported
 inline RecordingKind recognize_recording(const std::filesystem::path& path) {
   BlockReader blocks(path, 4096);
   const auto bytes = blocks.next();
@@ -83,7 +84,7 @@ inline RecordingKind recognize_recording(const std::filesystem::path& path) {
     throw detail::not_supported(path, "DAT");
   if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
   if (extension != ".raw" && detail::looks_like_text(head)) return RecordingKind::text;
-  if (extension == ".raw") return RecordingKind::raw;  // whose reader says what is wrong with it
+  if (extension == ".raw") return RecordingKind::raw;  // RawReader reports the exact fault
   if (extension == ".dat") throw detail::not_supported(path, "DAT");
   for (const auto& kind : detail::kUnsupportedKinds)
     if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)
@@ -91,7 +92,7 @@ inline RecordingKind recognize_recording(const std::filesystem::path& path) {
   throw detail::not_supported(path, "such");
 }
 
-/// Reads whatever `recognize_recording` knows; an `EventSource`.
+/// Reads recordings of every kind that `recognize_recording` supports; an `EventSource`.
 class EventReader {
  public:
   using event_type = Event;
@@ -107,7 +108,7 @@ class EventReader {
   std::span<const Event> next_batch() {
     return std::visit([](auto& reader) { return reader.next_batch(); }, reader_);
   }
-  /// Trigger events among those of the last batch.
+  /// Trigger events among the events of the last batch.
   std::span<const TriggerEvent> triggers() const {
     return std::visit([](const auto& reader) { return reader.triggers(); }, reader_);
   }

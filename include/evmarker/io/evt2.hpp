@@ -1,14 +1,14 @@
 #pragma once
-// Prophesee EVT2: one 32-bit word for each event.
+// Prophesee EVT2, one event in each 32-bit word, and EVT2.1, up to 32 events of a row in each 64-bit word.
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 
@@ -17,26 +17,39 @@ namespace evmarker::io {
 /// Type of an EVT2 word, its bits 31..28.
 enum class Evt2Word : std::uint32_t { cd_off = 0, cd_on = 1, time_high = 8, trigger = 10, others = 14, continued = 15 };
 
-/// Decodes a stream of EVT2 words, piece by piece. Never yields an event off the sensor.
-class Evt2Decoder {
+/// Decodes a stream of EVT2 words (4 bytes) or EVT2.1 words (8 bytes), piece by piece; all events are on the sensor.
+///
+/// The upper half of an EVT2.1 word is an EVT2 word. In its lower half, bit i is set where pixel (x + i, y) has an
+/// event.
+template <std::size_t WordBytes>
+class BasicEvt2Decoder {
+  static constexpr bool kHasMask = WordBytes == 8;
+
  public:
-  static constexpr std::size_t kWordBytes = 4;
-  static constexpr std::size_t kMaxEventsPerWord = 1;
+  static constexpr std::size_t kWordBytes = WordBytes;
+  static constexpr std::size_t kMaxEventsPerWord = kHasMask ? 32 : 1;
 
-  explicit Evt2Decoder(SensorSize size) : size_(size) {}
+  explicit BasicEvt2Decoder(SensorSize size) : size_(size) {}
 
-  /// Decodes the whole words of `bytes` into `room`, which holds kMaxEventsPerWord for each of them.
+  /// @param halves_swapped true for `endianness=legacy`: the upper half of each word comes first
+  BasicEvt2Decoder(SensorSize size, bool halves_swapped) requires(kHasMask)
+      : size_(size), upper_half_at_(halves_swapped ? 0 : 4) {}
+
+  /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
+  /// to `triggers`.
   /// @return number of events
-  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> room, std::vector<TriggerEvent>& triggers) {
-    Event* out = room.data();
+  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers) {
+    Event* out = buffer.data();
     const std::byte* const end = bytes.data() + bytes.size() / kWordBytes * kWordBytes;
     for (const std::byte* at = bytes.data(); at != end; at += kWordBytes) {
-      const auto word = load_word<std::uint32_t>(at);
+      const auto word = load_word<std::uint32_t>(at + upper_half_at_);
       switch (static_cast<Evt2Word>(word >> 28U)) {
         case Evt2Word::cd_off:
-        case Evt2Word::cd_on: out += decode_event(word, *out); break;
+        case Evt2Word::cd_on:
+          out = decode_events(word, kHasMask ? load_word<std::uint32_t>(at + (4 - upper_half_at_)) : 1, out);
+          break;
         case Evt2Word::time_high:
-          time_high_ = high_.unroll(word & 0x0FFFFFFFU) * 64;
+          time_high_ = time_high_decoder_.unwrap(word & 0x0FFFFFFFU) * 64;
           time_known_ = true;
           break;
         case Evt2Word::trigger: decode_trigger(word, triggers); break;
@@ -45,29 +58,37 @@ class Evt2Decoder {
         default: ++statistics_.unknown_words;
       }
     }
-    const auto count = static_cast<std::size_t>(out - room.data());
+    const auto count = static_cast<std::size_t>(out - buffer.data());
     statistics_.events += count;
     return count;
-  }
-
-  /// Appends to `events` and `triggers`. @return bytes decoded: the whole words
-  std::size_t decode(std::span<const std::byte> bytes, std::vector<Event>& events,
-                     std::vector<TriggerEvent>& triggers) {
-    return decode_append(*this, bytes, events, triggers);
   }
 
   const RecordingStatistics& statistics() const noexcept { return statistics_; }
 
  private:
-  std::size_t decode_event(std::uint32_t word, Event& event) noexcept {
-    if (!time_known_) return ++statistics_.dropped_before_time, 0;
-    const std::uint32_t x = (word >> 11U) & 0x7FFU, y = word & 0x7FFU;
-    if (!size_.contains(static_cast<int>(x), static_cast<int>(y))) return ++statistics_.off_sensor, 0;
-    const Timestamp t = time_high_ | ((word >> 22U) & 0x3FU);
+  Timestamp time_of(std::uint32_t word) const noexcept { return time_high_ | (word >> 22U & 0x3FU); }
+
+  // Bit i of `mask` is set where column x + i has an event.
+  Event* decode_events(std::uint32_t word, std::uint32_t mask, Event* out) noexcept {
+    if (!time_known_) {
+      statistics_.dropped_before_time += static_cast<std::uint32_t>(std::popcount(mask));
+      return out;
+    }
+    const std::uint32_t x = word >> 11U & 0x7FFU, y = word & 0x7FFU;
+    const Timestamp t = time_of(word);
+    const Event* const first = out;
+    for (; mask != 0; mask &= mask - 1) {
+      const std::uint32_t column = x + static_cast<std::uint32_t>(std::countr_zero(mask));
+      if (size_.contains(static_cast<int>(column), static_cast<int>(y)))
+        *out++ = {static_cast<std::uint16_t>(column), static_cast<std::uint16_t>(y),
+                  static_cast<std::int16_t>(word >> 28U), t};
+      else
+        ++statistics_.off_sensor;
+    }
+    if (out == first) return out;
     statistics_.time_steps_back += t < last_ ? 1U : 0U;
     last_ = t;
-    event = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), static_cast<std::int16_t>(word >> 28U), t};
-    return 1;
+    return out;
   }
 
   void decode_trigger(std::uint32_t word, std::vector<TriggerEvent>& triggers) {
@@ -76,55 +97,46 @@ class Evt2Decoder {
       return;
     }
     ++statistics_.triggers;
-    triggers.push_back(
-        {static_cast<int>((word >> 8U) & 0x1FU), (word & 1U) != 0, time_high_ | ((word >> 22U) & 0x3FU)});
+    triggers.push_back({static_cast<int>(word >> 8U & 0x1FU), (word & 1U) != 0, time_of(word)});
   }
 
   SensorSize size_;
-  TimeHighDecoder<28> high_;
+  std::size_t upper_half_at_ = kHasMask ? 4 : 0;  // offset of the EVT2 word in each word [bytes]
+  TimeHighDecoder<28> time_high_decoder_;
   Timestamp time_high_ = 0, last_ = 0;
   bool time_known_ = false;
   RecordingStatistics statistics_;
 };
 
-/// Writes events as EVT2 words. The caller has checked that they lie on a sensor of at most 2048 x 2048 px.
+using Evt2Decoder = BasicEvt2Decoder<4>;
+using Evt21Decoder = BasicEvt2Decoder<8>;
+
+/// Encodes events as EVT2 words. The caller has checked that they are on a sensor of at most 2048 x 2048 px.
 class Evt2Encoder {
  public:
-  /// Appends the words of the events, in their order. @throws std::invalid_argument naming a time that EVT2 cannot hold
+  /// Appends the words of the events, in their order.
+  /// @throws std::invalid_argument naming a time that EVT2 cannot express
   void encode(std::span<const Event> events, std::vector<std::byte>& bytes) {
-    for (const Event& event : events) {
-      go_to(event.t, bytes);
-      const auto type = static_cast<std::uint32_t>(event.p > 0 ? Evt2Word::cd_on : Evt2Word::cd_off);
-      append_word<std::uint32_t>(
-          bytes, type << 28U | time_low(event.t) << 22U | std::uint32_t{event.x} << 11U | std::uint32_t{event.y});
-    }
+    for (const Event& event : events)
+      put(event.p > 0 ? Evt2Word::cd_on : Evt2Word::cd_off, event.t, std::uint32_t{event.x} << 11U | event.y, bytes);
   }
 
-  /// @throws std::invalid_argument where the id is not in 0..31 or EVT2 cannot hold the time
+  /// @throws std::invalid_argument where the id is not in 0..31 or EVT2 cannot express the time
   void encode(const TriggerEvent& trigger, std::vector<std::byte>& bytes) {
-    if (trigger.id < 0 || trigger.id > 31)
-      throw std::invalid_argument("trigger: id is " + std::to_string(trigger.id) + ", EVT2 holds 0..31");
-    go_to(trigger.t, bytes);
-    append_word<std::uint32_t>(bytes, static_cast<std::uint32_t>(Evt2Word::trigger) << 28U |
-                                          time_low(trigger.t) << 22U | static_cast<std::uint32_t>(trigger.id) << 8U |
-                                          (trigger.rising ? 1U : 0U));
+    require_trigger_id(trigger.id, 31, "EVT2");
+    put(Evt2Word::trigger, trigger.t, static_cast<std::uint32_t>(trigger.id) << 8U | (trigger.rising ? 1U : 0U), bytes);
   }
 
  private:
-  static std::uint32_t time_low(Timestamp t) noexcept { return static_cast<std::uint32_t>(t & 0x3F); }
-
-  void go_to(Timestamp t, std::vector<std::byte>& bytes) {
-    if (t < 0) throw std::invalid_argument("EVT2: t is " + std::to_string(t) + " us, must not be negative");
-    try {
-      high_.go_to(t >> 6, [&](std::uint32_t high) {
-        append_word<std::uint32_t>(bytes, static_cast<std::uint32_t>(Evt2Word::time_high) << 28U | high);
-      });
-    } catch (const std::invalid_argument& reason) {
-      throw std::invalid_argument("EVT2: t is " + std::to_string(t) + " us, which " + reason.what());
-    }
+  void put(Evt2Word type, Timestamp t, std::uint32_t payload, std::vector<std::byte>& bytes) {
+    time_high_.advance_to(t, [&](std::uint32_t high) {
+      append_word<std::uint32_t>(bytes, static_cast<std::uint32_t>(Evt2Word::time_high) << 28U | high);
+    });
+    const auto time_low = static_cast<std::uint32_t>(t & 0x3F);
+    append_word<std::uint32_t>(bytes, static_cast<std::uint32_t>(type) << 28U | time_low << 22U | payload);
   }
 
-  TimeHighEncoder<28> high_;
+  TimeHighEncoder<28, 6> time_high_{"EVT2"};
 };
 
 }  // namespace evmarker::io

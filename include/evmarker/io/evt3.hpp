@@ -1,16 +1,16 @@
 #pragma once
-// Prophesee EVT3: 16-bit words that change a state; events that share row, time and polarity share words.
+// Prophesee EVT3: 16-bit words, each of which sets a part of the state (row, time) or yields events.
 #include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 
@@ -31,7 +31,7 @@ enum class Evt3Word : std::uint32_t {
   continued_12 = 15
 };
 
-/// Decodes a stream of EVT3 words, piece by piece. Never yields an event off the sensor.
+/// Decodes a stream of EVT3 words, piece by piece; all events are on the sensor.
 class Evt3Decoder {
  public:
   static constexpr std::size_t kWordBytes = 2;
@@ -39,31 +39,51 @@ class Evt3Decoder {
 
   explicit Evt3Decoder(SensorSize size) : size_(size) {}
 
-  /// Decodes the whole words of `bytes` into `room`, which holds kMaxEventsPerWord for each of them.
+  /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
+  /// to `triggers`.
   /// @return number of events
-  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> room, std::vector<TriggerEvent>& triggers) {
+  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers) {
     const std::byte* at = bytes.data();
     const std::byte* const end = at + bytes.size() / kWordBytes * kWordBytes;
-    if (!time_known_) at = find_time(at, end);
-    const std::size_t count = decode_timed(at, end, room.data(), triggers);
-    statistics_.events += count;
-    return count;
-  }
+    if (!time_known_) at = skip_to_first_time(at, end);
 
-  /// Appends to `events` and `triggers`. @return bytes decoded: the whole words
-  std::size_t decode(std::span<const std::byte> bytes, std::vector<Event>& events,
-                     std::vector<TriggerEvent>& triggers) {
-    return decode_append(*this, bytes, events, triggers);
+    State state = state_;  // a local copy: the compiler cannot keep members in registers across the stores of events
+    Event* out = buffer.data();
+    for (; at != end; at += kWordBytes) {
+      const std::uint32_t word = load_word<std::uint16_t>(at);
+      if (is_row_column_or_time_low(word)) [[likely]]
+        out = decode_row_column_or_time_low(word, state, out);
+      else
+        out = decode_other(word, state, out, triggers);
+    }
+    state_ = state;
+
+    const auto events = buffer.first(static_cast<std::size_t>(out - buffer.data()));
+    statistics_.events += events.size();
+    statistics_.off_sensor = state.off_sensor;
+    count_steps_back(events);
+    return events.size();
   }
 
   const RecordingStatistics& statistics() const noexcept { return statistics_; }
 
  private:
-  // Everything before the first TIME_HIGH is dropped: its time is unknown.
-  const std::byte* find_time(const std::byte* at, const std::byte* end) noexcept {
+  // What the words so far have set.
+  struct State {
+    std::uint32_t y = 0;
+    std::uint32_t row_width = 0;         // columns of row y that are on the sensor; none before the first row
+    std::uint32_t vector_x = 1U << 12U;  // first column of the next vector; off every sensor before VECT_BASE_X
+    std::int16_t vector_p = 0;
+    std::uint32_t time_high = ~0U;  // the last TIME_HIGH; unlike any before the first
+    Timestamp t = 0;
+    std::uint64_t off_sensor = 0;  // number of events off the sensor so far
+  };
+
+  // Drops everything before the first TIME_HIGH, since its time is unknown.
+  const std::byte* skip_to_first_time(const std::byte* at, const std::byte* end) noexcept {
     for (; at != end; at += kWordBytes) {
       const std::uint32_t word = load_word<std::uint16_t>(at);
-      switch (static_cast<Evt3Word>(word >> 12U)) {
+      switch (type_of(word)) {
         case Evt3Word::time_high: time_known_ = true; return at;
         case Evt3Word::addr_x:
         case Evt3Word::trigger: ++statistics_.dropped_before_time; break;
@@ -75,78 +95,81 @@ class Evt3Decoder {
     return at;
   }
 
-  // The state is kept in locals: the compiler cannot keep members in registers across the stores of events.
-  std::size_t decode_timed(const std::byte* at, const std::byte* end, Event* const begin,
-                           std::vector<TriggerEvent>& triggers) {
-    Event* out = begin;
-    std::uint32_t y = y_, row_width = row_width_, base = base_, high = high_word_;
-    std::int16_t base_p = base_p_;
-    Timestamp t = t_, last = last_;
-    const auto width = static_cast<std::uint32_t>(size_.width), height = static_cast<std::uint32_t>(size_.height);
-    std::uint64_t off_sensor = 0, steps_back = 0;
-
-    const auto emit_vector = [&](std::uint32_t mask, std::uint32_t length) {
-      if (base + length > row_width) [[unlikely]] {
-        const std::uint32_t visible = base < row_width ? mask & ((1U << (row_width - base)) - 1U) : 0;
-        off_sensor += count_bits(mask ^ visible);
-        mask = visible;
-      }
-      for (; mask != 0; mask &= mask - 1)
-        *out++ = make_event(base + static_cast<std::uint32_t>(std::countr_zero(mask)), y, base_p, t);
-      base += length;
-    };
-
-    for (; at != end; at += kWordBytes) {
-      const std::uint32_t word = load_word<std::uint16_t>(at), payload = word & 0xFFFU, address = word & 0x7FFU;
-      const auto type = static_cast<Evt3Word>(word >> 12U);
-      // Which of these three comes next cannot be foreseen: no branch between them.
-      const bool row = type == Evt3Word::addr_y, column = type == Evt3Word::addr_x, low = type == Evt3Word::time_low;
-      if (row | column | low) [[likely]] {
-        y = row ? address : y;
-        row_width = row ? (address < height ? width : 0) : row_width;
-        t = low ? (t & ~Timestamp{0xFFF}) | payload : t;
-        *out = make_event(address, y, static_cast<std::int16_t>(payload >> 11U), t);
-        const bool visible = column & (address < row_width);
-        out += visible ? 1 : 0;
-        off_sensor += (column & !visible) ? 1U : 0U;
-        continue;
-      }
-      switch (type) {
-        case Evt3Word::vect_base_x:
-          base = address;
-          base_p = static_cast<std::int16_t>(payload >> 11U);
-          break;
-        case Evt3Word::vect_12: emit_vector(payload, 12); break;
-        case Evt3Word::vect_8: emit_vector(payload & 0xFFU, 8); break;
-        case Evt3Word::time_high:
-          if (payload == high) break;  // repeated: the low part goes on
-          t = time_high_.unroll(high = payload) * 4096;
-          break;
-        case Evt3Word::trigger:
-          ++statistics_.triggers;
-          triggers.push_back({static_cast<int>((payload >> 8U) & 0xFU), (payload & 1U) != 0, t});
-          break;
-        case Evt3Word::addr_y:
-        case Evt3Word::addr_x:
-        case Evt3Word::time_low:
-        case Evt3Word::continued_4:
-        case Evt3Word::others:
-        case Evt3Word::continued_12: break;
-        default: ++statistics_.unknown_words;
-      }
-    }
-    for (const Event* event = begin; event != out; ++event) {
-      steps_back += event->t < last ? 1U : 0U;
-      last = event->t;
-    }
-    statistics_.time_steps_back += steps_back;
-    y_ = y, row_width_ = row_width, base_ = base, high_word_ = high;
-    base_p_ = base_p;
-    t_ = t, last_ = last;
-    statistics_.off_sensor += off_sensor;
-    return static_cast<std::size_t>(out - begin);
+  static bool is_row_column_or_time_low(std::uint32_t word) noexcept {
+    const Evt3Word type = type_of(word);
+    return (type == Evt3Word::addr_y) | (type == Evt3Word::addr_x) | (type == Evt3Word::time_low);
   }
 
+  // The three most frequent words, without branches: which of them comes next cannot be predicted.
+  Event* decode_row_column_or_time_low(std::uint32_t word, State& state, Event* out) const noexcept {
+    const auto width = static_cast<std::uint32_t>(size_.width), height = static_cast<std::uint32_t>(size_.height);
+    const Evt3Word type = type_of(word);
+    const bool row = type == Evt3Word::addr_y, column = type == Evt3Word::addr_x, low = type == Evt3Word::time_low;
+    const std::uint32_t address = address_of(word);
+    state.y = row ? address : state.y;
+    state.row_width = row ? (address < height ? width : 0) : state.row_width;
+    state.t = low ? (state.t & ~Timestamp{0xFFF}) | payload_of(word) : state.t;
+    *out = make_event(address, state.y, polarity_of(word), state.t);
+    const bool visible = column & (address < state.row_width);
+    state.off_sensor += (column & !visible) ? 1U : 0U;
+    return out + (visible ? 1 : 0);
+  }
+
+  Event* decode_other(std::uint32_t word, State& state, Event* out, std::vector<TriggerEvent>& triggers) {
+    const std::uint32_t payload = payload_of(word);
+    switch (type_of(word)) {
+      case Evt3Word::vect_base_x:
+        state.vector_x = address_of(word);
+        state.vector_p = polarity_of(word);
+        break;
+      case Evt3Word::vect_12: return decode_vector(payload, 12, state, out);
+      case Evt3Word::vect_8: return decode_vector(payload & 0xFFU, 8, state, out);
+      case Evt3Word::time_high:
+        if (payload == state.time_high) break;  // repeated: the low part stays
+        state.time_high = payload;
+        state.t = time_high_decoder_.unwrap(payload) * 4096;
+        break;
+      case Evt3Word::trigger:
+        ++statistics_.triggers;
+        triggers.push_back({static_cast<int>(payload >> 8U & 0xFU), (payload & 1U) != 0, state.t});
+        break;
+      case Evt3Word::continued_4:
+      case Evt3Word::others:
+      case Evt3Word::continued_12: break;
+      default: ++statistics_.unknown_words;
+    }
+    return out;
+  }
+
+  // Bit i of `mask` is set where column vector_x + i has an event.
+  static Event* decode_vector(std::uint32_t mask, std::uint32_t length, State& state, Event* out) noexcept {
+    const std::uint32_t x = state.vector_x;
+    if (x + length > state.row_width) [[unlikely]] {
+      const std::uint32_t visible = x < state.row_width ? mask & ((1U << (state.row_width - x)) - 1U) : 0;
+      state.off_sensor += count_bits(mask ^ visible);
+      mask = visible;
+    }
+    for (; mask != 0; mask &= mask - 1)
+      *out++ = make_event(x + static_cast<std::uint32_t>(std::countr_zero(mask)), state.y, state.vector_p, state.t);
+    state.vector_x += length;
+    return out;
+  }
+
+  void count_steps_back(std::span<const Event> events) noexcept {
+    std::uint64_t count = 0;
+    Timestamp last = last_;
+    for (const Event& event : events) {
+      count += event.t < last ? 1U : 0U;
+      last = event.t;
+    }
+    statistics_.time_steps_back += count;
+    last_ = last;
+  }
+
+  static Evt3Word type_of(std::uint32_t word) noexcept { return static_cast<Evt3Word>(word >> 12U); }
+  static std::uint32_t payload_of(std::uint32_t word) noexcept { return word & 0xFFFU; }
+  static std::uint32_t address_of(std::uint32_t word) noexcept { return word & 0x7FFU; }
+  static std::int16_t polarity_of(std::uint32_t word) noexcept { return static_cast<std::int16_t>(word >> 11U & 1U); }
   static Event make_event(std::uint32_t x, std::uint32_t y, std::int16_t p, Timestamp t) noexcept {
     return {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), p, t};
   }
@@ -155,29 +178,26 @@ class Evt3Decoder {
   }
 
   SensorSize size_;
+  State state_;
+  TimeHighDecoder<12> time_high_decoder_;
   bool time_known_ = false;
-  std::uint32_t y_ = 0;
-  std::uint32_t row_width_ = 0;     // columns of the present row that lie on the sensor; none before the first row
-  std::uint32_t base_ = 1U << 12U;  // off every sensor before the first VECT_BASE_X
-  std::uint32_t high_word_ = ~0U;   // unlike any word
-  std::int16_t base_p_ = 0;
-  TimeHighDecoder<12> time_high_;
-  Timestamp t_ = 0, last_ = 0;
+  Timestamp last_ = 0;  // of the last event
   RecordingStatistics statistics_;
 };
 
-/// Writes events as EVT3 words, in vectors where neighbours in the given order allow it: decoding yields the same
-/// sequence. The caller has checked that they lie on a sensor of at most 2048 x 2048 px.
+/// Encodes events as EVT3 words that decode to the same sequence, in vectors where that saves words. The caller has
+/// checked that they are on a sensor of at most 2048 x 2048 px.
 class Evt3Encoder {
  public:
-  /// @param width of the sensor: no vector reaches beyond it
+  /// @param width of the sensor; vectors do not extend beyond it
   explicit Evt3Encoder(int width) : width_(static_cast<std::uint32_t>(width)) {}
 
-  /// Appends the words of the events. @throws std::invalid_argument naming a time that EVT3 cannot hold
+  /// Appends the words of the events, in their order.
+  /// @throws std::invalid_argument naming a time that EVT3 cannot express
   void encode(std::span<const Event> events, std::vector<std::byte>& bytes) {
     while (!events.empty()) {
       const Event& first = events.front();
-      go_to(first.t, bytes);
+      put_time(first.t, bytes);
       if (first.y != y_) put(bytes, Evt3Word::addr_y, y_ = first.y);
       const std::uint32_t base = std::min<std::uint32_t>(first.x, width_ - std::min(width_, kVectorLength));
       const std::size_t count = width_ < kVectorLength ? 0 : events_within(events, base);
@@ -191,24 +211,23 @@ class Evt3Encoder {
     }
   }
 
-  /// @throws std::invalid_argument where the id is not in 0..15 or EVT3 cannot hold the time
+  /// @throws std::invalid_argument where the id is not in 0..15 or EVT3 cannot express the time
   void encode(const TriggerEvent& trigger, std::vector<std::byte>& bytes) {
-    if (trigger.id < 0 || trigger.id > 15)
-      throw std::invalid_argument("trigger: id is " + std::to_string(trigger.id) + ", EVT3 holds 0..15");
-    go_to(trigger.t, bytes);
+    require_trigger_id(trigger.id, 15, "EVT3");
+    put_time(trigger.t, bytes);
     put(bytes, Evt3Word::trigger, static_cast<std::uint32_t>(trigger.id) << 8U | (trigger.rising ? 1U : 0U));
   }
 
  private:
   static constexpr std::uint32_t kVectorLength = 32;
-  static constexpr std::size_t kVectorWords = 4;  // its base and three masks
+  static constexpr std::size_t kVectorWords = 4;  // VECT_BASE_X and three masks
 
   static void put(std::vector<std::byte>& bytes, Evt3Word type, std::uint32_t payload) {
     append_word(bytes, static_cast<std::uint16_t>(static_cast<std::uint32_t>(type) << 12U | payload));
   }
   static std::uint32_t address(std::uint32_t x, std::int16_t p) noexcept { return x | (p > 0 ? 1U << 11U : 0U); }
 
-  // Number of events from the first on that share row, time and polarity, go right, and lie in a vector from `base`.
+  // Number of leading events that fit into one vector from column `base` on, without a change of their order.
   static std::size_t events_within(std::span<const Event> events, std::uint32_t base) noexcept {
     std::size_t count = 0;
     for (; count < events.size(); ++count) {
@@ -220,7 +239,7 @@ class Evt3Encoder {
     return count;
   }
 
-  // Always 12, 12 and 8 columns: the camera writes no others, and OpenEB takes the three words as one.
+  // Always 12, 12 and 8 columns, as cameras write them: OpenEB decodes the three words as one.
   static void encode_vector(std::span<const Event> events, std::uint32_t base, std::vector<std::byte>& bytes) {
     std::uint32_t mask = 0;
     for (const Event& event : events) mask |= 1U << (event.x - base);
@@ -230,26 +249,22 @@ class Evt3Encoder {
     put(bytes, Evt3Word::vect_8, mask >> 24U);
   }
 
-  void go_to(Timestamp t, std::vector<std::byte>& bytes) {
+  void put_time(Timestamp t, std::vector<std::byte>& bytes) {
     if (t == t_) return;
-    if (t < 0) throw std::invalid_argument("EVT3: t is " + std::to_string(t) + " us, must not be negative");
     bool new_high = false;
-    try {
-      high_.go_to(t >> 12, [&](std::uint32_t high) {
-        put(bytes, Evt3Word::time_high, high);
-        new_high = true;
-      });
-    } catch (const std::invalid_argument& reason) {
-      throw std::invalid_argument("EVT3: t is " + std::to_string(t) + " us, which " + reason.what());
-    }
-    if (new_high || (t & 0xFFF) != (t_ & 0xFFF)) put(bytes, Evt3Word::time_low, static_cast<std::uint32_t>(t & 0xFFF));
+    time_high_.advance_to(t, [&](std::uint32_t high) {
+      put(bytes, Evt3Word::time_high, high);
+      new_high = true;
+    });
+    const auto time_low = static_cast<std::uint32_t>(t & 0xFFF);
+    if (new_high || time_low != (*t_ & 0xFFF)) put(bytes, Evt3Word::time_low, time_low);
     t_ = t;
   }
 
   std::uint32_t width_;
-  TimeHighEncoder<12> high_;
-  Timestamp t_ = -1;
-  std::uint32_t y_ = ~0U;
+  TimeHighEncoder<12, 12> time_high_{"EVT3"};
+  std::optional<Timestamp> t_;
+  std::uint32_t y_ = ~0U;  // unlike any row
 };
 
 }  // namespace evmarker::io

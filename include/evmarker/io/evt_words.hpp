@@ -1,5 +1,5 @@
 #pragma once
-// What the EVT encodings share: little-endian words and time words that count in a circle.
+// What the EVT encodings share: little-endian words, and TIME_HIGH words, which wrap around.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -17,7 +17,7 @@
 
 namespace evmarker::io {
 
-/// The little-endian word at `bytes`, which need not be aligned.
+/// Loads the little-endian word at `bytes`, which need not be aligned.
 template <std::unsigned_integral Word>
 inline Word load_word(const std::byte* bytes) noexcept {
   Word word = 0;
@@ -30,76 +30,92 @@ inline Word load_word(const std::byte* bytes) noexcept {
   return word;
 }
 
+/// Appends `word` in little-endian order.
 template <std::unsigned_integral Word>
 inline void append_word(std::vector<std::byte>& bytes, Word word) {
   for (std::size_t i = 0; i < sizeof(Word); ++i)
     bytes.push_back(static_cast<std::byte>(std::uint64_t{word} >> (8 * i) & 0xFFU));
 }
 
-/// Unrolls the high part of the time, a count of `Bits` bits that starts again at 0 when it is full.
+/// Extends TIME_HIGH, a counter of `Bits` bits that wraps around, to a count that does not.
 template <int Bits>
 class TimeHighDecoder {
  public:
-  /// Full count of a time word. A small step back is one; a step back by half the circle or more is the next loop.
-  std::int64_t unroll(std::uint32_t high) noexcept {
-    if (last_ >= std::uint64_t{high} + kCircle / 2) loops_ += kCircle;
+  /// Count at the time word `high`. A step back by half the counter's range or more is a wrap, a smaller one is a step
+  /// back in time.
+  std::int64_t unwrap(std::uint32_t high) noexcept {
+    if (last_ >= std::uint64_t{high} + kRange / 2) wrapped_ += kRange;
     last_ = high;
-    return static_cast<std::int64_t>(loops_ + high);
+    return static_cast<std::int64_t>(wrapped_ + high);
   }
 
  private:
-  static constexpr std::uint64_t kCircle = std::uint64_t{1} << Bits;
-  std::uint64_t loops_ = 0;  // unsigned: garbled data may count up without end
+  static constexpr std::uint64_t kRange = std::uint64_t{1} << Bits;
+  std::uint64_t wrapped_ = 0;  // unsigned, since garbled data may overflow it
   std::uint64_t last_ = 0;
 };
 
-/// Finds the time words that lead a decoder from one time to the next.
-template <int Bits>
+/// Finds the TIME_HIGH words that lead a decoder from one time to the next.
+/// @tparam HighBits bits of a time word
+/// @tparam LowBits bits of the time [us] below those of a time word
+template <int HighBits, int LowBits>
 class TimeHighEncoder {
  public:
-  /// Longest way that is written out, in loops (25 days in EVT3): a longer one is taken for a mistaken unit.
-  static constexpr std::int64_t kMaxLoops = std::int64_t{1} << 17;
+  /// Most wraps between two times (25 days in EVT3); a longer step is more likely a mistaken unit of time.
+  static constexpr std::int64_t kMaxWraps = std::int64_t{1} << 17;
 
-  /// Calls `emit(word)` for each time word from the present count to `high`; none where they are equal.
-  /// @throws std::invalid_argument where the encoding cannot express the step
+  /// @param encoding its name in errors; a string literal
+  explicit TimeHighEncoder(const char* encoding) : encoding_(encoding) {}
+
+  /// Calls `emit(word)` for each time word between the last time and `t` [us]; for none where TIME_HIGH stays the same.
+  /// @throws std::invalid_argument naming `t` where the encoding cannot express it
   template <std::invocable<std::uint32_t> Emit>
-  void go_to(std::int64_t high, Emit&& emit) {
-    const std::int64_t loops = (high >> Bits) - (std::max<std::int64_t>(current_, 0) >> Bits);
-    if (loops < 0) throw std::invalid_argument("lies before the last wrap of the encoding's clock");
-    if (loops > kMaxLoops) throw std::invalid_argument("lies too far ahead for the encoding: shift the times to zero");
-    const auto put = [&](std::int64_t next) { emit(static_cast<std::uint32_t>((current_ = next) & (kCircle - 1))); };
-    // Other readers only see a wrap where the count goes through its very end.
-    if (current_ < 0) put(loops > 0 ? 0 : high);
-    while (current_ >> Bits < high >> Bits) {
-      walk(current_ | (kCircle - 1), put);
-      put(current_ + 1);
+  void advance_to(Timestamp t, Emit&& emit) {
+    if (t < 0) refuse(t, "must not be negative");
+    const std::int64_t high = t >> LowBits;
+    const std::int64_t wraps = (high >> HighBits) - (std::max<std::int64_t>(last_, 0) >> HighBits);
+    if (wraps < 0) refuse(t, "which lies before the last wrap of the encoding's clock");
+    if (wraps > kMaxWraps) refuse(t, "which lies too far ahead for the encoding: shift the times to zero");
+    const auto put = [&](std::int64_t next) { emit(static_cast<std::uint32_t>((last_ = next) & (kRange - 1))); };
+    if (last_ < 0) put(wraps > 0 ? 0 : high);
+    // Some decoders recognise a wrap only where the counter passes from its last value to 0.
+    while (last_ >> HighBits < high >> HighBits) {
+      step_to(last_ | (kRange - 1), put);
+      put(last_ + 1);
     }
-    walk(high, put);
+    step_to(high, put);
   }
 
  private:
-  static constexpr std::int64_t kCircle = std::int64_t{1} << Bits;
+  static constexpr std::int64_t kRange = std::int64_t{1} << HighBits;
 
-  // A longer stride, backwards, would be read as a wrap.
+  // In steps of less than half the range: decoders read a longer step back as a wrap.
   template <typename Put>
-  void walk(std::int64_t to, Put& put) {
-    while (current_ != to) put(current_ + std::clamp(to - current_, -kCircle / 2 + 1, kCircle / 2 - 1));
+  void step_to(std::int64_t high, Put& put) {
+    while (last_ != high) put(last_ + std::clamp(high - last_, -kRange / 2 + 1, kRange / 2 - 1));
   }
 
-  std::int64_t current_ = -1;  // none written yet
+  [[noreturn]] void refuse(Timestamp t, const char* reason) const {
+    throw std::invalid_argument(std::string(encoding_) + ": t is " + std::to_string(t) + " us, " + reason);
+  }
+
+  const char* encoding_;
+  std::int64_t last_ = -1;  // no time word written yet
 };
 
-/// Appends what a decoder yields to a vector, through a small room in between: its worst case is never allocated.
+/// Decodes the whole words of `bytes` and appends to `events` and `triggers`.
+/// @return number of bytes decoded
 template <typename Decoder>
 std::size_t decode_append(Decoder& decoder, std::span<const std::byte> bytes, std::vector<Event>& events,
                           std::vector<TriggerEvent>& triggers) {
-  constexpr std::size_t kWords = 64;
-  std::array<Event, kWords * Decoder::kMaxEventsPerWord> room;
+  // By pieces, so that `events` need not grow to the most events that all of `bytes` could hold.
+  constexpr std::size_t kPieceBytes = 64 * Decoder::kWordBytes;
+  std::array<Event, 64 * Decoder::kMaxEventsPerWord> buffer;
   const std::size_t whole = bytes.size() - bytes.size() % Decoder::kWordBytes;
-  for (std::size_t begin = 0; begin < whole; begin += kWords * Decoder::kWordBytes) {
-    const std::size_t length = std::min(kWords * Decoder::kWordBytes, whole - begin);
-    const std::size_t count = decoder.decode(bytes.subspan(begin, length), std::span<Event>(room), triggers);
-    events.insert(events.end(), room.begin(), room.begin() + static_cast<std::ptrdiff_t>(count));
+  for (std::size_t begin = 0; begin < whole; begin += kPieceBytes) {
+    const auto piece = bytes.subspan(begin, std::min(kPieceBytes, whole - begin));
+    const std::size_t count = decoder.decode(piece, std::span<Event>(buffer), triggers);
+    events.insert(events.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(count));
   }
   return whole;
 }

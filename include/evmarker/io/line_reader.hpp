@@ -13,14 +13,15 @@
 
 namespace evmarker::io {
 
-/// Lines without their ends (`\n` or `\r\n`), each valid until the next call.
+/// Reads lines without their ends (`\n` or `\r\n`); each is valid until the next call.
 class LineReader {
  public:
   /// @throws RecordingError where the file cannot be read
   explicit LineReader(std::filesystem::path path, std::size_t block_bytes = BlockReader::kBlockBytes)
       : blocks_(std::move(path), block_bytes), rest_(blocks_.next()) {}
 
-  /// The next line, or nothing at the end. @throws RecordingError where a line is longer than 64 KiB
+  /// The next line, or nothing at the end of the file.
+  /// @throws RecordingError where a line is longer than 64 KiB or reading fails
   std::optional<std::string_view> next() {
     const void* end = find_line_end();
     while (end == nullptr && !blocks_.at_end()) {
@@ -33,30 +34,30 @@ class LineReader {
     ended_ = end != nullptr;
     const char* const begin = reinterpret_cast<const char*>(rest_.data());
     const std::size_t length = ended_ ? static_cast<std::size_t>(static_cast<const char*>(end) - begin) : rest_.size();
-    const std::size_t taken = length + (ended_ ? 1 : 0);
-    rest_ = rest_.subspan(taken);
+    const std::size_t consumed = length + (ended_ ? 1 : 0);
+    rest_ = rest_.subspan(consumed);
     line_offset_ = offset_;
-    offset_ += taken;
+    offset_ += consumed;
     ++line_number_;
     std::string_view line(begin, length);
     if (line.ends_with('\r')) line.remove_suffix(1);
     return line;
   }
 
-  /// What is in memory of the text ahead; all of it where the file is shorter than a block.
+  /// The text behind the last line as far as it is in memory: all of it where the file is shorter than a block.
   std::string_view lookahead() const noexcept { return {reinterpret_cast<const char*>(rest_.data()), rest_.size()}; }
 
-  /// Of the last line, from 1.
+  /// Number of the last line, from 1.
   std::uint64_t line_number() const noexcept { return line_number_; }
-  /// Where the last line begins in the file.
+  /// Position of the last line in the file [bytes].
   std::uint64_t byte_offset() const noexcept { return line_offset_; }
-  /// Whether the last line had its end; a line that was cut off has none.
+  /// False where the file ends within the last line.
   bool line_ended() const noexcept { return ended_; }
   std::uint64_t bytes_read() const noexcept { return offset_; }
   std::uint64_t bytes_total() const noexcept { return blocks_.bytes_total(); }
   const std::filesystem::path& path() const noexcept { return blocks_.path(); }
 
-  /// An error that names the last line.
+  /// An error with number and position of the last line.
   RecordingError error(const std::string& reason) const { return error_at(line_number_, line_offset_, reason); }
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// A file that appears under its name only when it is whole.
+// A file that appears under its name only when it is complete; unbuffered, and behind a buffer.
 #include <cerrno>
 #include <cstddef>
 #include <filesystem>
@@ -14,7 +14,7 @@
 
 namespace evmarker::io {
 
-/// Writes to `path.part` and renames it to `path` in `close()`; without that call (an exception on the way), the
+/// Writes to `path.part` and renames it to `path` in `close()`; if that is never called, as after an exception, the
 /// destructor removes the part. Devices and pipes are written directly.
 class OutputFile {
  public:
@@ -47,7 +47,8 @@ class OutputFile {
   }
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
 
-  /// Makes the file appear under its name; calling it again does nothing.
+  /// Renames the file to its final name; calling it again does nothing.
+  /// @throws RecordingError where the disk is full or the file cannot be renamed
   void close() {
     if (!file_.is_open()) return;
     errno = 0;
@@ -86,6 +87,42 @@ class OutputFile {
 
   std::filesystem::path path_, written_;
   std::ofstream file_;
+};
+
+/// An OutputFile behind a buffer, for writers that produce a few bytes at a time.
+/// @tparam Buffer std::string or std::vector<std::byte>
+template <typename Buffer>
+class BufferedOutput {
+ public:
+  /// @throws RecordingError where the file cannot be created
+  explicit BufferedOutput(std::filesystem::path path) : file_(std::move(path)) {}
+
+  /// What is not written yet; append to it.
+  Buffer& buffer() noexcept { return buffer_; }
+
+  /// @throws RecordingError where the disk is full or the file was closed
+  void flush_if_large() {
+    if (buffer_.size() >= kFlushBytes) flush();
+  }
+
+  /// Writes the rest and closes the file as OutputFile does; calling it again does nothing.
+  /// @throws RecordingError where the disk is full or the file cannot be renamed
+  void close() {
+    if (!file_.is_open()) return;
+    flush();
+    file_.close();
+  }
+
+ private:
+  static constexpr std::size_t kFlushBytes = std::size_t{1} << 16;
+
+  void flush() {
+    file_.write(buffer_);
+    buffer_.clear();
+  }
+
+  OutputFile file_;
+  Buffer buffer_;
 };
 
 }  // namespace evmarker::io

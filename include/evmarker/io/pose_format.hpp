@@ -1,5 +1,5 @@
 #pragma once
-// How poses stand in text files: columns, numbers, times.
+// Text format of poses: columns, numbers, times.
 #include <Eigen/Geometry>
 #include <array>
 #include <charconv>
@@ -13,15 +13,15 @@
 
 namespace evmarker::io {
 
-/// First line of a pose table: metres and unit quaternion of `T_camera_marker`.
+/// First line of a pose table. Position [m] and unit quaternion are those of `T_camera_marker`.
 inline constexpr std::string_view kPoseCsvHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason";
 
-/// What a rule that estimates velocity and covariance adds to each row: twist [m/s; rad/s], edge offset, and the
-/// standard deviations of position (root of the trace) and rotation.
+/// Columns added for a rule that estimates velocity and covariance: twist [m/s; rad/s], edge offset, and the standard
+/// deviations of position and rotation (the root of the trace of each covariance).
 inline constexpr std::string_view kPoseCsvMotionHeader = ",vx,vy,vz,wx,wy,wz,edge_offset_px,sigma_t_mm,sigma_r_deg";
 
-/// Appends the shortest text that reads back as the same number; `nan` without sign.
+/// Appends the shortest text that reads back as the same number; every NaN is `nan`.
 inline void append_number(std::string& text, double value) {
   if (std::isnan(value)) {
     text += "nan";
@@ -31,7 +31,7 @@ inline void append_number(std::string& text, double value) {
   text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
 }
 
-/// Appends microseconds as seconds with six places, exactly.
+/// Appends a time [us] in seconds with six decimal places, exactly.
 inline void append_seconds(std::string& text, Timestamp t) {
   const std::uint64_t magnitude = t < 0 ? ~static_cast<std::uint64_t>(t) + 1 : static_cast<std::uint64_t>(t);
   const std::string fraction = std::to_string(magnitude % 1000000);
@@ -39,7 +39,7 @@ inline void append_seconds(std::string& text, Timestamp t) {
   text += std::to_string(magnitude / 1000000) + '.' + std::string(6 - fraction.size(), '0') + fraction;
 }
 
-/// Appends `tx ty tz qx qy qz qw`, with w >= 0.
+/// Appends `tx ty tz qx qy qz qw`, with qw >= 0.
 inline void append_pose(std::string& text, const Eigen::Isometry3d& pose, char separator) {
   Eigen::Quaterniond q(pose.linear());
   q.normalize();

@@ -1,5 +1,5 @@
 #pragma once
-// Reads poses back: tables of all markers (CSV), trajectories of one (TUM), ground truth of either form.
+// Reads poses: tables of many markers (CSV), trajectories of one marker (TUM), ground truth in either format.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -40,7 +40,7 @@ Number parse_number(const LineReader& lines, std::string_view name, std::string_
   return value;
 }
 
-/// From `tx ty tz qx qy qz qw`.
+/// Pose from the fields `tx ty tz qx qy qz qw`.
 inline Eigen::Isometry3d parse_pose(const LineReader& lines, const std::array<std::string_view, 7>& fields) {
   constexpr std::array<std::string_view, 7> names{"tx", "ty", "tz", "qx", "qy", "qz", "qw"};
   std::array<double, 7> v{};
@@ -62,6 +62,16 @@ inline bool is_comment(std::string_view line) {
   return text.empty() || text.front() == '#';
 }
 
+/// Column names: the first line that is not a comment.
+inline std::vector<std::string> read_column_names(LineReader& lines) {
+  while (const auto line = lines.next()) {
+    if (is_comment(*line)) continue;
+    const auto names = split(*line, ',');
+    return {names.begin(), names.end()};
+  }
+  throw RecordingError(lines.path(), "no poses: the file is empty");
+}
+
 inline TrackingState parse_state(const LineReader& lines, std::string_view text) {
   for (const auto state : {TrackingState::converging, TrackingState::tracking, TrackingState::lost})
     if (text == to_string(state)) return state;
@@ -78,8 +88,9 @@ inline LossReason parse_loss_reason(const LineReader& lines, std::string_view te
 
 }  // namespace detail
 
-/// Reads lines `t tx ty tz qx qy qz qw` (t in seconds; `#` begins a comment).
-/// @throws RecordingError naming the line that is malformed or goes back in time
+/// Reads a trajectory in TUM format: lines `t tx ty tz qx qy qz qw`, t in seconds; lines that begin with `#` are
+/// comments.
+/// @throws RecordingError naming a line that is malformed or not later than the line before
 inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
   LineReader lines(path);
   std::vector<TimedPose> poses;
@@ -99,18 +110,12 @@ inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
   return poses;
 }
 
-/// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those of kPoseCsvHeader, `state` and
-/// all behind `qw` may be missing (then `tracking`, 0, NaN and `none`).
-/// @throws RecordingError naming the line and value that is malformed
+/// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those in kPoseCsvHeader, `state` and
+/// all behind `qw` are optional. Missing ones are read as `tracking` and the defaults of TrackingQuality.
+/// @throws RecordingError naming line and value that are malformed
 inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
   LineReader lines(path);
-  std::vector<std::string> names;
-  while (names.empty()) {
-    const auto line = lines.next();
-    if (!line) throw RecordingError(path, "no poses: the file is empty");
-    if (detail::is_comment(*line)) continue;
-    for (const std::string_view name : detail::split(*line, ',')) names.emplace_back(name);
-  }
+  const std::vector<std::string> names = detail::read_column_names(lines);
   const auto column = [&](std::string_view name) {
     return static_cast<std::size_t>(std::ranges::find(names, name) - names.begin());
   };
@@ -148,11 +153,12 @@ inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path
   return poses;
 }
 
-/// True poses of one marker or many, for comparison.
+/// True poses of one marker or many, with which estimates are compared.
 class GroundTruth {
  public:
-  /// Reads TUM (one marker, whatever its id) or a pose table with marker ids; rows in state `lost` hold no truth.
-  /// @throws RecordingError where the file is malformed, empty or goes back in time
+  /// Reads a TUM trajectory, which then applies to a marker of any id, or a pose table, of which rows in state `lost`
+  /// are ignored.
+  /// @throws RecordingError where the file is malformed or empty, or times do not increase
   static GroundTruth read(const std::filesystem::path& path) {
     GroundTruth truth;
     if (!holds_pose_table(path)) {
@@ -175,14 +181,14 @@ class GroundTruth {
     return truth;
   }
 
-  /// Pose of marker `id` at `t` [us]; nothing where the truth does not tell.
+  /// Pose of marker `id` at `t` [us]; nothing where the file has no poses of it before and after `t`.
   std::optional<Eigen::Isometry3d> at(MarkerId id, Timestamp t) const {
     if (any_marker_) return any_marker_->at(t);
     const auto found = markers_.find(id);
     return found == markers_.end() ? std::nullopt : found->second.at(t);
   }
 
-  /// The markers that the file names; none for TUM.
+  /// Ids of the markers in the file; none for TUM.
   std::vector<MarkerId> ids() const {
     std::vector<MarkerId> ids;
     for (const auto& [id, trajectory] : markers_) ids.push_back(id);

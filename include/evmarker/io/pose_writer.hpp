@@ -1,5 +1,5 @@
 #pragma once
-// Writes poses: a table of all markers (CSV), or the trajectory of one (TUM).
+// Writes poses: a table of many markers (CSV), or the trajectory of one marker (TUM).
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -17,59 +17,25 @@
 
 namespace evmarker::io {
 
-namespace detail {
-
-/// Text that is gathered to larger pieces on its way into a file.
-class TextFile {
- public:
-  explicit TextFile(std::filesystem::path path) : file_(std::move(path)) {}
-
-  std::string& text() noexcept { return text_; }
-  void end_line() {
-    text_ += '\n';
-    ++lines_;
-    if (text_.size() >= kFlushBytes) flush();
-  }
-  void close() {
-    if (!file_.is_open()) return;
-    flush();
-    file_.close();
-  }
-  std::uint64_t lines() const noexcept { return lines_; }
-
- private:
-  static constexpr std::size_t kFlushBytes = std::size_t{1} << 16;
-
-  void flush() {
-    file_.write(text_);
-    text_.clear();
-  }
-
-  OutputFile file_;
-  std::string text_;
-  std::uint64_t lines_ = 0;
-};
-
-}  // namespace detail
-
-/// Which columns a pose table has: those of every rule, or kPoseCsvMotionHeader's too.
+/// Columns of a pose table: those of kPoseCsvHeader, or those of kPoseCsvMotionHeader too.
 enum class PoseColumns { pose, pose_and_motion };
 
 /// Writes a header and a row for each pose; numbers read back exactly, NaN is `nan`. The file appears under its name in
-/// `close()`; a writer that is destroyed before leaves nothing.
+/// `close()`; a writer that is destroyed before that leaves no file.
 class PoseCsvWriter {
  public:
   /// @throws RecordingError where the file cannot be created
   explicit PoseCsvWriter(std::filesystem::path path, PoseColumns columns = PoseColumns::pose)
-      : file_(std::move(path)), columns_(columns) {
-    file_.text() = kPoseCsvHeader;
-    if (columns == PoseColumns::pose_and_motion) file_.text() += kPoseCsvMotionHeader;
-    file_.text() += '\n';
+      : output_(std::move(path)), columns_(columns) {
+    std::string& text = output_.buffer();
+    text = kPoseCsvHeader;
+    if (columns == PoseColumns::pose_and_motion) text += kPoseCsvMotionHeader;
+    text += '\n';
   }
 
   /// @throws RecordingError where the disk is full
   void write(const PoseEstimate& pose) {
-    std::string& text = file_.text();
+    std::string& text = output_.buffer();
     text += std::to_string(pose.t) + ',' + std::to_string(pose.id) + ',' + to_string(pose.quality.state) + ',';
     append_pose(text, pose.T_camera_marker, ',');
     text += ',' + std::to_string(pose.quality.matched);
@@ -81,12 +47,15 @@ class PoseCsvWriter {
     text += ',';
     text += to_string(q.loss_reason);
     if (columns_ == PoseColumns::pose_and_motion) append_motion(text, pose);
-    file_.end_line();
+    text += '\n';
+    ++poses_written_;
+    output_.flush_if_large();
   }
 
-  /// Completes the file. Calling it again does nothing. @throws RecordingError where the disk is full
-  void close() { file_.close(); }
-  std::uint64_t poses_written() const noexcept { return file_.lines(); }
+  /// Completes the file; calling it again does nothing.
+  /// @throws RecordingError where the disk is full
+  void close() { output_.close(); }
+  std::uint64_t poses_written() const noexcept { return poses_written_; }
 
  private:
   static void append_motion(std::string& text, const PoseEstimate& pose) {
@@ -103,26 +72,31 @@ class PoseCsvWriter {
     append(180 / std::numbers::pi * std::sqrt(P.bottomRightCorner<3, 3>().trace()));
   }
 
-  detail::TextFile file_;
+  BufferedOutput<std::string> output_;
   PoseColumns columns_;
+  std::uint64_t poses_written_ = 0;
 };
 
-/// Writes the trajectory of one marker, a line `t tx ty tz qx qy qz qw` for each pose, t in seconds exact to the
-/// microsecond. Which states are worth writing is the caller's choice. The file appears under its name in `close()`.
+/// Writes the trajectory of one marker: for each pose a line `t tx ty tz qx qy qz qw`, t in seconds exact to the
+/// microsecond, whatever the state of the track. The file appears under its name in `close()`.
 class TumWriter {
  public:
   /// @throws RecordingError where the file cannot be created
-  explicit TumWriter(std::filesystem::path path) : file_(std::move(path)) {}
+  explicit TumWriter(std::filesystem::path path) : output_(std::move(path)) {}
 
   /// @throws RecordingError where the disk is full
   void write(Timestamp t, const Eigen::Isometry3d& T_camera_marker) {
-    append_seconds(file_.text(), t);
-    file_.text() += ' ';
-    append_pose(file_.text(), T_camera_marker, ' ');
-    file_.end_line();
+    std::string& text = output_.buffer();
+    append_seconds(text, t);
+    text += ' ';
+    append_pose(text, T_camera_marker, ' ');
+    text += '\n';
+    ++poses_written_;
+    output_.flush_if_large();
   }
 
-  /// @throws std::invalid_argument where the pose is of another marker than those before
+  /// @throws std::invalid_argument where the pose is of another marker than the poses before
+  /// @throws RecordingError where the disk is full
   void write(const PoseEstimate& pose) {
     if (id_.value_or(pose.id) != pose.id)
       throw std::invalid_argument("TUM: marker_id is " + std::to_string(pose.id) + ", but the file is of marker " +
@@ -131,13 +105,15 @@ class TumWriter {
     write(pose.t, pose.T_camera_marker);
   }
 
-  /// Completes the file. Calling it again does nothing. @throws RecordingError where the disk is full
-  void close() { file_.close(); }
-  std::uint64_t poses_written() const noexcept { return file_.lines(); }
+  /// Completes the file; calling it again does nothing.
+  /// @throws RecordingError where the disk is full
+  void close() { output_.close(); }
+  std::uint64_t poses_written() const noexcept { return poses_written_; }
 
  private:
-  detail::TextFile file_;
+  BufferedOutput<std::string> output_;
   std::optional<MarkerId> id_;
+  std::uint64_t poses_written_ = 0;
 };
 
 }  // namespace evmarker::io

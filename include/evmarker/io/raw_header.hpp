@@ -16,7 +16,7 @@
 
 namespace evmarker::io {
 
-/// Encodings of Prophesee RAW recordings.
+/// Encoding of a Prophesee RAW recording.
 enum class RawFormat { evt2, evt21, evt3 };
 
 constexpr const char* to_string(RawFormat format) noexcept {
@@ -28,11 +28,11 @@ constexpr const char* to_string(RawFormat format) noexcept {
   return "?";
 }
 
-/// What stands before the first event word.
+/// The text in front of the first event word.
 struct RawHeader {
   RawFormat format = RawFormat::evt3;
-  std::optional<SensorSize> size;  ///< nothing where neither geometry nor a known system_ID is given
-  bool halves_swapped = false;     ///< EVT2.1 with `endianness=legacy`: the 32-bit halves of each word change places
+  std::optional<SensorSize> size;  ///< nothing where the header has neither a geometry nor a listed system_ID
+  bool halves_swapped = false;     ///< EVT2.1 with `endianness=legacy`: the upper half of each word comes first
   std::vector<std::pair<std::string, std::string>> fields;  ///< every line as key and value
   std::size_t bytes = 0;                                    ///< length of the header
 };
@@ -46,7 +46,7 @@ inline std::optional<int> parse_positive(std::string_view text) {
   return value;
 }
 
-/// `1280x720` or `1280,720`.
+/// Size from `1280x720` or, with a comma as separator, `1280,720`.
 inline std::optional<SensorSize> parse_geometry(std::string_view text, char separator) {
   const auto cut = text.find(separator);
   if (cut == std::string_view::npos) return std::nullopt;
@@ -55,6 +55,7 @@ inline std::optional<SensorSize> parse_geometry(std::string_view text, char sepa
   return SensorSize{*width, *height};
 }
 
+/// Sensor size of the cameras with this system_ID; nothing for one that is not listed.
 inline std::optional<SensorSize> size_of_system(std::string_view id) {
   constexpr std::array vga{21, 23, 25, 28, 29, 33, 34, 35, 40, 41};
   constexpr std::array hd{26, 30, 31, 39, 46, 48, 49, 50};
@@ -64,82 +65,92 @@ inline std::optional<SensorSize> size_of_system(std::string_view id) {
   return std::nullopt;
 }
 
-/// Header lines are text; the first event word of a header without end line may look like `% ` but not go on as text.
+/// The encoding of a name like `EVT3` or `3.0`; nothing where it is unknown.
+inline std::optional<RawFormat> format_of(std::string_view name) {
+  if (name == "EVT2" || name == "2.0") return RawFormat::evt2;
+  if (name == "EVT21" || name == "2.1") return RawFormat::evt21;
+  if (name == "EVT3" || name == "3.0") return RawFormat::evt3;
+  return std::nullopt;
+}
+
+/// Value of `option`, like `;height=`, in a format line like `EVT3;height=720;width=1280`; empty where it is missing.
+inline std::string_view option_of(std::string_view format, std::string_view option) {
+  const auto at = format.rfind(option);
+  if (at == std::string_view::npos) return {};
+  const std::string_view value = format.substr(at + option.size());
+  return value.substr(0, value.find(';'));
+}
+
+/// True for header lines. The first event word behind a header without end line may begin with `% `, but is not text.
 inline bool is_text(std::string_view line) {
   return std::ranges::none_of(line, [](char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\t'; });
 }
 
-/// Sets the encoding from `EVT3`, `3.0` and the like; false where the name is unknown.
-inline bool set_format(RawHeader& header, std::string_view name) {
-  constexpr std::array<std::pair<std::string_view, RawFormat>, 6> names{{{"EVT2", RawFormat::evt2},
-                                                                         {"2.0", RawFormat::evt2},
-                                                                         {"EVT21", RawFormat::evt21},
-                                                                         {"2.1", RawFormat::evt21},
-                                                                         {"EVT3", RawFormat::evt3},
-                                                                         {"3.0", RawFormat::evt3}}};
-  const auto* const found = std::ranges::find(names, name, &std::pair<std::string_view, RawFormat>::first);
-  if (found == names.end()) return false;
-  header.format = found->second;
-  return true;
-}
-
-}  // namespace detail
-
-/// Reads the header at the begin of `data`.
-/// @param data at least the whole header, usually the file's first block
-/// @param path only named in errors
-/// @throws RecordingError where this is no RAW recording or one of an encoding that is not supported
-inline RawHeader parse_raw_header(std::string_view data, const std::filesystem::path& path) {
+/// Reads the lines of a header: `fields` and `bytes`.
+inline RawHeader read_header_lines(std::string_view data, const std::filesystem::path& path) {
   RawHeader header;
   while (data.substr(header.bytes).starts_with("% ")) {
     const std::string_view rest = data.substr(header.bytes);
     const auto length = rest.find('\n');
     if (length == std::string_view::npos) {
-      if (detail::is_text(rest)) throw RecordingError(path, "cut off inside its header", header.bytes);
+      if (is_text(rest)) throw RecordingError(path, "cut off inside its header", header.bytes);
       break;
     }
     std::string_view line = rest.substr(2, length - 2);
     if (line.ends_with('\r')) line.remove_suffix(1);
-    if (!detail::is_text(line)) break;
+    if (!is_text(line)) break;
     header.bytes += length + 1;
     if (line == "end") break;
     const auto space = std::min(line.find(' '), line.size());
     header.fields.emplace_back(line.substr(0, space), line.substr(std::min(space + 1, line.size())));
   }
-
-  std::string_view format, evt, geometry, system, height, width;
-  for (const auto& [key, value] : header.fields) {
-    if (key == "format") format = value;
-    if (key == "evt") evt = value;
-    if (key == "geometry") geometry = value;
-    if (key == "system_ID") system = value;
-    if (key == "endianness") header.halves_swapped = value == "legacy";
-  }
-  std::string_view name = format.substr(0, format.find(';'));
-  while (format.find(';') != std::string_view::npos) {
-    format.remove_prefix(format.find(';') + 1);
-    const std::string_view option = format.substr(0, format.find(';'));
-    if (option.starts_with("height=")) height = option.substr(7);
-    if (option.starts_with("width=")) width = option.substr(6);
-    if (option.starts_with("endianness=")) header.halves_swapped = option == "endianness=legacy";
-  }
-  if (name.empty()) name = evt;
-  if (name.empty())
-    throw RecordingError(path, "not a Prophesee RAW recording: its header has no line '% format' or '% evt'", 0);
-  if (!detail::set_format(header, name))
-    throw RecordingError(path, "RAW encoding '" + std::string(name) + "' is not supported (EVT2, EVT2.1 and EVT3 are)",
-                         0);
-
-  if (const auto w = detail::parse_positive(width), h = detail::parse_positive(height); w && h)
-    header.size = SensorSize{*w, *h};
-  else if (!geometry.empty() && !(header.size = detail::parse_geometry(geometry, 'x')))
-    throw RecordingError(path, "header: geometry is '" + std::string(geometry) + "', not like 1280x720", 0);
-  else if (!header.size)
-    header.size = detail::size_of_system(system);
   return header;
 }
 
-/// The header of a recording, with the fields by which OpenEB finds the decoder.
+/// Value of the last header line with this key; empty where there is none.
+inline std::string_view field_of(const RawHeader& header, std::string_view key) {
+  const auto found =
+      std::find_if(header.fields.rbegin(), header.fields.rend(), [&](const auto& field) { return field.first == key; });
+  return found == header.fields.rend() ? std::string_view() : std::string_view(found->second);
+}
+
+/// Sensor size by the format line, else by the geometry, else by the camera's system_ID.
+inline std::optional<SensorSize> size_of(const RawHeader& header, const std::filesystem::path& path) {
+  const std::string_view format = field_of(header, "format"), geometry = field_of(header, "geometry");
+  const auto width = parse_positive(option_of(format, ";width=")),
+             height = parse_positive(option_of(format, ";height="));
+  if (width && height) return SensorSize{*width, *height};
+  if (geometry.empty()) return size_of_system(field_of(header, "system_ID"));
+  const auto size = parse_geometry(geometry, 'x');
+  if (!size) throw RecordingError(path, "header: geometry is '" + std::string(geometry) + "', not like 1280x720", 0);
+  return size;
+}
+
+}  // namespace detail
+
+/// Parses the header at the beginning of `data`.
+/// @param data at least the whole header, usually the first block of the file
+/// @param path only named in errors
+/// @throws RecordingError where this is no RAW recording or its encoding is not supported
+inline RawHeader parse_raw_header(std::string_view data, const std::filesystem::path& path) {
+  RawHeader header = detail::read_header_lines(data, path);
+  const std::string_view format = detail::field_of(header, "format");
+  std::string_view name = format.substr(0, format.find(';')), endianness = detail::option_of(format, ";endianness=");
+  if (name.empty()) name = detail::field_of(header, "evt");
+  if (name.empty())
+    throw RecordingError(path, "not a Prophesee RAW recording: its header has no line '% format' or '% evt'", 0);
+  const auto encoding = detail::format_of(name);
+  if (!encoding)
+    throw RecordingError(path, "RAW encoding '" + std::string(name) + "' is not supported (EVT2, EVT2.1 and EVT3 are)",
+                         0);
+  header.format = *encoding;
+  if (endianness.empty()) endianness = detail::field_of(header, "endianness");
+  header.halves_swapped = endianness == "legacy";
+  header.size = detail::size_of(header, path);
+  return header;
+}
+
+/// Header of a recording, with the fields by which OpenEB selects the decoder.
 inline std::string make_raw_header(RawFormat format, SensorSize size) {
   const std::string width = std::to_string(size.width), height = std::to_string(size.height);
   const std::string name = format == RawFormat::evt21 ? "EVT21" : to_string(format);

@@ -15,7 +15,6 @@
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/evt2.hpp"
-#include "evmarker/io/evt21.hpp"
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/raw_header.hpp"
 #include "evmarker/io/recording_error.hpp"
@@ -24,19 +23,20 @@
 namespace evmarker::io {
 
 struct RawReaderOptions {
-  /// For recordings whose header does not tell it; a header that does wins.
+  /// For recordings whose header has no sensor size; the size in a header has precedence.
   std::optional<SensorSize> sensor_size = std::nullopt;
-  /// Subtracts the time of the first event or trigger from all, as OpenEB does unless told not to.
+  /// True to subtract the time of the first event or trigger from all, which is OpenEB's default.
   bool shift_first_time_to_zero = false;
 };
 
-/// Reads a recording of any length in constant memory; an `EventSource`. A recording that was cut yields every whole
-/// event before the cut and says so in its statistics.
+/// Reads a recording of any length in constant memory; an `EventSource`. A recording that was cut off yields all events
+/// before the cut; `statistics().truncated_bytes` is not 0 where the cut is within a word.
 class RawReader {
  public:
   using event_type = Event;
 
-  /// @throws RecordingError where the file is missing, empty or no RAW recording of a supported encoding
+  /// @throws RecordingError where the file is missing, empty, not a RAW recording or of an encoding that is not
+  /// supported
   explicit RawReader(std::filesystem::path path, RawReaderOptions options = {})
       : blocks_(std::move(path)), options_(options), decoder_(Evt3Decoder({})) {
     rest_ = blocks_.next();
@@ -52,28 +52,28 @@ class RawReader {
     skip(header_.bytes);
     word_bytes_ = std::visit([](const auto& d) { return d.kWordBytes; }, decoder_);
     const auto per_word = std::visit([](const auto& d) { return d.kMaxEventsPerWord; }, decoder_);
-    room_.resize(kChunkBytes / word_bytes_ * per_word);
+    buffer_.resize(kChunkBytes / word_bytes_ * per_word);
   }
 
   const RawHeader& header() const noexcept { return header_; }
   SensorSize sensor_size() const noexcept { return *header_.size; }
 
   /// The next events in the order of the file, valid until the next call; none at the end.
-  /// @throws RecordingError where the device fails
+  /// @throws RecordingError where reading fails
   std::span<const Event> next_batch() {
     triggers_.clear();
     std::size_t count = 0;
     while (count == 0 && fill()) {
       const auto chunk = rest_.first(std::min(kChunkBytes, rest_.size() / word_bytes_ * word_bytes_));
-      count = std::visit([&](auto& d) { return d.decode(chunk, std::span(room_), triggers_); }, decoder_);
+      count = std::visit([&](auto& d) { return d.decode(chunk, std::span(buffer_), triggers_); }, decoder_);
       skip(chunk.size());
     }
-    const std::span batch = std::span(room_).first(count);
+    const std::span batch = std::span(buffer_).first(count);
     if (options_.shift_first_time_to_zero) shift_time(batch);
     return batch;
   }
 
-  /// Trigger events that stand in the file among those of the last batch, or behind the last event.
+  /// Trigger events among the events of the last batch, or behind the last event of the file.
   std::span<const TriggerEvent> triggers() const noexcept { return triggers_; }
 
   RecordingStatistics statistics() const {
@@ -82,8 +82,8 @@ class RawReader {
     return statistics;
   }
 
-  /// Progress: bytes decoded so far and in the whole file (0 where that is not known).
   std::uint64_t bytes_read() const noexcept { return bytes_read_; }
+  /// Size of the file; 0 where it has none, like a pipe.
   std::uint64_t bytes_total() const noexcept { return blocks_.bytes_total(); }
 
  private:
@@ -96,7 +96,7 @@ class RawReader {
                                                std::to_string(size.height) + " px, RAW words address 1..2048 a side");
   }
 
-  // Whether a whole word is there.
+  // Reads on until a whole word is in memory; false at the end of the file.
   bool fill() {
     if (rest_.size() < word_bytes_ && !blocks_.at_end()) {
       rest_ = blocks_.next(rest_.size());
@@ -128,7 +128,7 @@ class RawReader {
   std::variant<Evt2Decoder, Evt21Decoder, Evt3Decoder> decoder_;
   std::size_t word_bytes_ = 2;
   std::span<const std::byte> rest_;
-  std::vector<Event> room_;
+  std::vector<Event> buffer_;
   std::vector<TriggerEvent> triggers_;
   std::optional<Timestamp> first_time_;
   std::uint64_t bytes_read_ = 0, truncated_bytes_ = 0;

@@ -22,50 +22,52 @@
 namespace evmarker::io {
 
 /// Writes a recording that decodes to the same events in the same order. The file appears under its name in `close()`;
-/// a writer that is destroyed before leaves nothing.
+/// a writer that is destroyed before that leaves no file.
 class RawWriter {
  public:
   /// @param size at most 2048 x 2048 px
-  /// @throws std::invalid_argument for a size or format that cannot be written, RecordingError where the file cannot
+  /// @throws std::invalid_argument for a size or format that cannot be written
+  /// @throws RecordingError where the file cannot be created
   RawWriter(std::filesystem::path path, SensorSize size, RawFormat format = RawFormat::evt3)
-      : size_(checked(size, format)), file_(std::move(path)) {
+      : size_(checked(size, format)), output_(std::move(path)) {
     if (format == RawFormat::evt3) encoder_ = Evt3Encoder(size.width);
-    file_.write(make_raw_header(format, size));
+    const std::string header = make_raw_header(format, size);
+    const auto bytes = std::as_bytes(std::span(header));
+    output_.buffer().assign(bytes.begin(), bytes.end());
   }
 
-  /// @throws std::invalid_argument naming the event that is off the sensor, before time 0 or further back in time than
-  /// the format can express; none of `events` is written for the first two. RecordingError where the disk is full
+  /// @throws std::invalid_argument naming an event that is off the sensor or before time 0, in which case none is
+  /// written, or one that is further back in time than the format can express
+  /// @throws RecordingError where the disk is full
   void write(std::span<const Event> events) {
     require_writable(events, size_, events_written_);
     while (!events.empty()) {
       const auto piece = events.first(std::min(events.size(), kPieceEvents));
-      std::visit([&](auto& encoder) { encoder.encode(piece, bytes_); }, encoder_);
+      std::visit([&](auto& encoder) { encoder.encode(piece, output_.buffer()); }, encoder_);
       events_written_ += piece.size();
       events = events.subspan(piece.size());
-      if (bytes_.size() >= kFlushBytes) flush();
+      output_.flush_if_large();
     }
   }
   void write(const Event& event) { write(std::span(&event, 1)); }
 
-  /// A trigger event stands between the events written before and after it.
+  /// Writes a trigger event between the events written before and after this call.
+  /// @throws std::invalid_argument where the format cannot express its id or time
+  /// @throws RecordingError where the disk is full
   void write_trigger(const TriggerEvent& trigger) {
-    std::visit([&](auto& encoder) { encoder.encode(trigger, bytes_); }, encoder_);
-    if (bytes_.size() >= kFlushBytes) flush();
+    std::visit([&](auto& encoder) { encoder.encode(trigger, output_.buffer()); }, encoder_);
+    output_.flush_if_large();
   }
 
-  /// Completes the file. Calling it again does nothing. @throws RecordingError where the disk is full
-  void close() {
-    if (!file_.is_open()) return;
-    flush();
-    file_.close();
-  }
+  /// Completes the file; calling it again does nothing.
+  /// @throws RecordingError where the disk is full
+  void close() { output_.close(); }
 
   SensorSize sensor_size() const noexcept { return size_; }
   std::uint64_t events_written() const noexcept { return events_written_; }
 
  private:
-  static constexpr std::size_t kFlushBytes = std::size_t{1} << 18;
-  static constexpr std::size_t kPieceEvents = std::size_t{1} << 16;
+  static constexpr std::size_t kPieceEvents = std::size_t{1} << 16;  // bounds the buffer, however many are written
 
   static SensorSize checked(SensorSize size, RawFormat format) {
     require_sensor_size(size, 2048);
@@ -73,15 +75,9 @@ class RawWriter {
     return size;
   }
 
-  void flush() {
-    file_.write(bytes_);
-    bytes_.clear();
-  }
-
   SensorSize size_;
-  OutputFile file_;
+  BufferedOutput<std::vector<std::byte>> output_;
   std::variant<Evt2Encoder, Evt3Encoder> encoder_;
-  std::vector<std::byte> bytes_;
   std::uint64_t events_written_ = 0;
 };
 

@@ -1,5 +1,5 @@
 #pragma once
-// The one error of readers and writers: which file, where in it, what is wrong.
+// The error of all readers and writers, with file, position and reason.
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -9,10 +9,10 @@
 
 namespace evmarker::io {
 
-/// A recording or pose file that cannot be read or written; `what()` is one line: `path: reason (byte n)`.
+/// Thrown where a recording or pose file cannot be read or written; `what()` is one line: `path: reason (byte n)`.
 class RecordingError : public std::runtime_error {
  public:
-  /// @param byte_offset where in the file; nothing where the file as a whole is meant
+  /// @param byte_offset position in the file; nothing where the error concerns the whole file
   RecordingError(std::filesystem::path path, std::string reason,
                  std::optional<std::uint64_t> byte_offset = std::nullopt)
       : std::runtime_error(path.string() + ": " + reason +

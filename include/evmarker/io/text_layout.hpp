@@ -1,5 +1,5 @@
 #pragma once
-// How a text recording is laid out: separator, columns, unit of time; recognised from its first lines.
+// Layout of a text recording: separator, columns and unit of time, recognised from its first lines.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -16,20 +16,20 @@ namespace evmarker::io {
 
 enum class TimeUnit { microseconds, seconds };
 
-/// What is not set is recognised from the file.
+/// Layout of a text recording; whatever is not set is recognised from the file.
 struct TextLayout {
-  std::optional<char> separator = std::nullopt;  ///< `,` `;` tab, or a space for any run of blanks
-  std::string columns = {};  ///< one letter a column: x, y, p, t, and - for one to ignore; `xypt`, `txyp`
-  std::optional<TimeUnit> time_unit = std::nullopt;  ///< a time with a decimal point is taken for seconds
+  std::optional<char> separator = std::nullopt;  ///< comma, semicolon, tab, or a space for one blank or more
+  std::string columns = {};                      ///< a letter for each column: x, y, p, t, or - to ignore it; `xypt`
+  std::optional<TimeUnit> time_unit = std::nullopt;  ///< seconds where times have a decimal point
 };
 
-/// A layout with nothing left open, and what else stands before the first event.
+/// A complete layout, and what precedes the first event.
 struct RecognizedText {
   char separator = ',';
-  std::string columns;  ///< empty where it could not be told: no line looks like an event
+  std::string columns;  ///< empty where they are not recognised: too few lines look like events
   TimeUnit time_unit = TimeUnit::microseconds;
-  std::optional<SensorSize> size;  ///< of a line `%geometry:640,480`, or of a first line `640 480`
-  std::size_t leading_lines = 0;   ///< to pass over: comments, geometry, column names
+  std::optional<SensorSize> size;  ///< from a line `%geometry:640,480` or a first line `640 480`
+  std::size_t leading_lines = 0;   ///< lines to skip: comments, geometry, column names
 };
 
 namespace detail {
@@ -82,8 +82,8 @@ inline char column_of(std::string_view name, std::optional<TimeUnit>& unit) {
 
 inline bool is_polarity(std::string_view field) { return field == "0" || field == "1" || field == "-1"; }
 
-/// The customary order that more of the sampled lines allow, at least half of them: a malformed line is the reader's
-/// to report. Where both fit equally, commas mean `xypt` and blanks `txyp`.
+/// `xypt` or `txyp`, whichever fits more of the sampled lines; empty where neither fits half of them, so that a few
+/// malformed lines are left to the reader to report. Where both fit equally, `txyp` for blanks and `xypt` otherwise.
 inline std::string guess_columns(const std::vector<std::vector<std::string_view>>& lines, char separator) {
   std::size_t xypt = 0, txyp = 0;
   for (const auto& fields : lines) {
@@ -99,8 +99,8 @@ inline std::string guess_columns(const std::vector<std::vector<std::string_view>
 
 }  // namespace detail
 
-/// Completes `layout` from the begin of a file.
-/// @param head whole lines; what follows the last line end is left out unless it is the only line
+/// Completes `layout` from the beginning of a file.
+/// @param head whole lines; an incomplete last line is ignored unless it is the only one
 inline RecognizedText recognize_text(std::string_view head, const TextLayout& layout = {}) {
   constexpr std::size_t kSamples = 200;
   RecognizedText found;

@@ -1,5 +1,5 @@
 #pragma once
-// A pose at any time between sampled ones: what measured poses are compared with.
+// A trajectory of sampled poses, interpolated to any time between them.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <optional>
@@ -18,12 +18,12 @@ struct TimedPose {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
 };
 
-/// Sampled poses of one marker, interpolated: straight in translation, along the shortest arc in rotation.
+/// Sampled poses of one marker; positions are interpolated linearly, rotations along the shortest arc (slerp).
 class Trajectory {
  public:
   Trajectory() = default;
 
-  /// @throws std::invalid_argument where times do not increase from pose to pose
+  /// @throws std::invalid_argument where the times do not increase
   explicit Trajectory(std::vector<TimedPose> poses) : poses_(std::move(poses)) {
     for (std::size_t i = 1; i < poses_.size(); ++i)
       if (poses_[i].t <= poses_[i - 1].t)
@@ -31,7 +31,7 @@ class Trajectory {
                                     " us does not follow " + std::to_string(poses_[i - 1].t) + " us");
   }
 
-  /// Pose at `t` [us]; nothing before the first and after the last sample.
+  /// Pose at `t` [us]; nothing before the first or after the last sample.
   std::optional<Eigen::Isometry3d> at(Timestamp t) const {
     const auto next = std::ranges::lower_bound(poses_, t, {}, &TimedPose::t);
     if (next == poses_.end()) return std::nullopt;
