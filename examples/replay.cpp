@@ -270,8 +270,6 @@ int main(int argc, char** argv) {
   return console::run<ReplayOptions>(
       "replay", "Plays an event camera's recording at its own pace through the live pipeline.", argc, argv,
       [](const ReplayOptions& options) {
-        options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-          replay<Rule>(options, rule, columns);
-        });
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { replay<Rule>(options, chosen...); });
       });
 }

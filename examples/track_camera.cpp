@@ -244,8 +244,6 @@ int main(int argc, char** argv) {
   return console::run<CameraOptions>(
       "track_camera", "Tracks fiducial markers with an event camera, live, and shows them.", argc, argv,
       [](const CameraOptions& options) {
-        options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-          track<Rule>(options, rule, columns);
-        });
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { track<Rule>(options, chosen...); });
       });
 }

@@ -135,8 +135,6 @@ int main(int argc, char** argv) {
   return console::run<TrackFileOptions>(
       "track_file", "Tracks fiducial markers in an event camera's recording.", argc, argv,
       [](const TrackFileOptions& options) {
-        options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-          track<Rule>(options, rule, columns);
-        });
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { track<Rule>(options, chosen...); });
       });
 }

@@ -59,7 +59,8 @@ struct TrackOptions {
   template <typename Use>
   void with_rule(const Use& use) const {
     using namespace evmarker;
-    if (update == "kalman") return use.template operator()<KalmanUpdate>({}, io::PoseColumns::pose_and_motion);
+    if (update == "kalman")
+      return use.template operator()<KalmanUpdate>(KalmanUpdate::Settings{}, io::PoseColumns::pose_and_motion);
     const auto rule = update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
     use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }
