@@ -215,7 +215,7 @@ BodyVerdict judge_flip(const std::filesystem::path& data, const Trial& trial = {
 }
 
 /// Squared errors of all `tracking` poses by their covariance, for each degree of freedom: 1 on average where a
-/// covariance is honest.
+/// covariance is consistent.
 struct Nees {
   std::vector<double> all, translation, rotation;
 

@@ -1,5 +1,5 @@
 #pragma once
-// What a method's poses are worth against the truth of a recording.
+// Compares a method's poses with the truth of a recording.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,7 @@
 
 namespace evmarker::bench {
 
-/// A pose held against the truth.
+/// A pose compared with the truth.
 struct JudgedPose {
   Timestamp t = 0;
   TrackingState state = TrackingState::tracking;
