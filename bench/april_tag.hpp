@@ -1,5 +1,5 @@
 #pragma once
-// AprilTag 3, the reference implementation, as a finder of markers for the accuracy comparison.
+// AprilTag 3, the reference implementation, as a detector for the accuracy comparison.
 #include <apriltag/apriltag.h>
 #include <apriltag/tag36h11.h>
 

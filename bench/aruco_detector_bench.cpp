@@ -8,7 +8,7 @@
 
 using namespace evmarker;
 
-// One look at the polarity frame, averaged over ten frames of the recording.
+// One detection in the polarity frame, averaged over ten frames of the recording.
 static void detect_aruco(benchmark::State& state) {
   constexpr Timestamp kBetweenFrames_us = 90000;
   const auto& recording = bench::recording();

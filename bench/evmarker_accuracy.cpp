@@ -102,51 +102,67 @@ class Progress {
   std::mutex mutex_;
 };
 
-void measure(Results& results, unsigned jobs) {
-  const std::size_t seeds = results.seeds.size(), recordings = results.scenarios.size() * seeds;
-  std::vector<std::vector<std::vector<Run>>> runs(
-      results.scenarios.size(), std::vector<std::vector<Run>>(results.methods.size(), std::vector<Run>(seeds)));
-  Progress progress(recordings * (results.methods.size() + 1));
+using Runs = std::vector<std::vector<std::vector<Run>>>;  // by scenario, method, seed
+
+// Runs every method on one recording.
+void run_methods(const Results& results, std::size_t scenario, std::size_t seed, Runs& runs, Progress& progress) {
+  const Situation situation = results.scenarios[scenario].make(results.seeds[seed]);
+  std::vector<Event> events;
+  if (std::ranges::any_of(results.methods, &Method::needs_events)) events = bench::simulate(situation);
+  progress.step();
+  for (std::size_t method = 0; method < results.methods.size(); ++method) {
+    runs[scenario][method][seed] = results.methods[method].run(situation, events);
+    progress.step();
+  }
+}
+
+// Calls `work(i)` for every i below `count` on several threads; after an exception no more are begun.
+template <typename Work>
+void for_each_in_parallel(std::size_t count, unsigned jobs, const Work& work) {
   std::atomic<std::size_t> next = 0;
   std::exception_ptr failure;
   std::mutex mutex;
-  const auto work = [&] {
+  const auto work_on = [&] {
     try {
-      for (std::size_t i = next++; i < recordings; i = next++) {
-        const std::size_t scenario = i / seeds, seed = i % seeds;
-        const Situation situation = results.scenarios[scenario].make(results.seeds[seed]);
-        std::vector<Event> events;
-        if (std::ranges::any_of(results.methods, &Method::needs_events)) events = bench::simulate(situation);
-        progress.step();
-        for (std::size_t method = 0; method < results.methods.size(); ++method) {
-          runs[scenario][method][seed] = results.methods[method].run(situation, events);
-          progress.step();
-        }
-      }
+      for (std::size_t i = next++; i < count; i = next++) work(i);
     } catch (...) {
       const std::lock_guard lock(mutex);
       failure = std::current_exception();
-      next = recordings;
+      next = count;
     }
   };
   {
     std::vector<std::jthread> threads;
-    for (unsigned i = 0; i + 1 < jobs; ++i) threads.emplace_back(work);
-    work();
+    for (unsigned i = 0; i + 1 < jobs; ++i) threads.emplace_back(work_on);
+    work_on();
   }
   if (failure) std::rethrow_exception(failure);
+}
 
-  results.all.assign(results.scenarios.size(), std::vector<Verdict>(results.methods.size()));
-  results.each.assign(results.scenarios.size(),
-                      std::vector<std::vector<Verdict>>(results.methods.size(), std::vector<Verdict>(seeds)));
-  for (std::size_t s = 0; s < results.scenarios.size(); ++s)
+void judge(const Runs& runs, Results& results) {
+  const std::size_t scenarios = results.scenarios.size(), methods = results.methods.size(),
+                    seeds = results.seeds.size();
+  results.all.assign(scenarios, std::vector<Verdict>(methods));
+  results.each.assign(scenarios, std::vector<std::vector<Verdict>>(methods, std::vector<Verdict>(seeds)));
+  for (std::size_t s = 0; s < scenarios; ++s)
     for (std::size_t k = 0; k < seeds; ++k) {
       const Situation situation = results.scenarios[s].make(results.seeds[k]);
-      for (std::size_t m = 0; m < results.methods.size(); ++m) {
+      for (std::size_t m = 0; m < methods; ++m) {
         results.all[s][m].add(situation, runs[s][m][k]);
         results.each[s][m][k].add(situation, runs[s][m][k]);
       }
     }
+}
+
+void measure(Results& results, unsigned jobs) {
+  const std::size_t seeds = results.seeds.size(), recordings = results.scenarios.size() * seeds;
+  Runs runs(results.scenarios.size(), std::vector<std::vector<Run>>(results.methods.size(), std::vector<Run>(seeds)));
+  {
+    Progress progress(recordings * (results.methods.size() + 1));
+    for_each_in_parallel(recordings, jobs,
+                         [&](std::size_t i) { run_methods(results, i / seeds, i % seeds, runs, progress); });
+  }
+  judge(runs, results);
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// Writes the paper's backtracking figure: for each failure case what verification says and how far the pose is off.
+// Writes the paper's backtracking figure: for each failure case the result of verification and the true error of the
+// pose.
 #include "failure_cases.hpp"
 
 #include <CLI/CLI.hpp>

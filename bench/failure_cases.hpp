@@ -1,5 +1,5 @@
 #pragma once
-// The paper's backtracking figure as four simulated recordings: what verification says, and beside it the truth.
+// The paper's backtracking figure as four simulated recordings: the results of verification beside the truth.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -31,7 +31,7 @@ struct FailureCase {
   double duration_s = 1.8;
 };
 
-/// One pose or one verification: what the tracker says and what is true at that time.
+/// One pose or one verification of the tracker, with the truth at that time.
 struct FailureSample {
   Timestamp t = 0;
   TrackingState state = TrackingState::converging;
@@ -118,49 +118,58 @@ inline std::vector<Event> failure_events(const FailureCase& failure, std::uint64
   return events;
 }
 
-/// Two trackers see the events: one with the paper's verification and the library's defaults for it says whether the
-/// marker is lost; one like it that is never stopped shows how the signal and the pose go on after that.
-inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& events) {
-  using Tracker = MarkerTracker<DecoupledUpdate>;
+/// Of the marker's fastest corner in the image.
+inline double corner_speed_px_per_s(const Trajectory& motion, Timestamp t) {
+  constexpr double kStep_s = 5e-4;
   const PinholeCamera camera = failure_camera();
-  const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
-  Tracker::Settings judging;
-  judging.health.false_alarm_rate = 1e-300;  // the paper's verification alone judges
-  judging.converging_events = 2000;          // the first updates, which the paper ignores
-  judging.start_search.reset();              // a bad start is to stay bad
-  judging.verification.every = 1;            // to see the signal all the time, as in the paper's figure
-  Tracker::Settings never_stopped = judging;
-  never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;
-  Tracker judged(camera, model, failure.T_start, judging), shown(camera, model, failure.T_start, never_stopped);
+  const double seconds = static_cast<double>(t) * 1e-6;
+  const Eigen::Isometry3d before = motion(seconds - kStep_s), after = motion(seconds + kStep_s);
+  double fastest = 0;
+  for (const Eigen::Vector3d& corner : make_square_marker(kFailureMarkerLength).vertices)
+    fastest = std::max(fastest, (camera.project(after * corner) - camera.project(before * corner)).norm());
+  return fastest / (2 * kStep_s);
+}
 
-  const auto truth = [&](Timestamp t) { return failure.motion(static_cast<double>(t) * 1e-6); };
-  const auto speed = [&](Timestamp t) {
-    constexpr Timestamp kStep_us = 500;
-    double fastest = 0;
-    for (const Eigen::Vector3d& corner : make_square_marker(kFailureMarkerLength).vertices)
-      fastest = std::max(
-          fastest,
-          (camera.project(truth(t + kStep_us) * corner) - camera.project(truth(t - kStep_us) * corner)).norm());
-    return fastest / (2e-6 * static_cast<double>(kStep_us));
-  };
+/// The paper's verification with the library's thresholds, and nothing else that may lose the marker.
+inline MarkerTrackerSettings<DecoupledUpdate> verification_alone() {
+  MarkerTrackerSettings<DecoupledUpdate> settings;
+  settings.health.false_alarm_rate = 1e-300;
+  settings.converging_events = 2000;  // the first updates, which the paper ignores
+  settings.start_search.reset();      // a bad start is to stay bad
+  settings.verification.every = 1;    // to see the signal all the time, as in the paper's figure
+  return settings;
+}
+
+/// Notes when a tracker begins to be verified, and when and why it loses the marker.
+inline void note(const PoseEstimate& pose, const VerificationSettings& limits, FailureSignal& signal) {
+  const TrackingQuality& quality = pose.quality;
+  if (quality.state == TrackingState::tracking && !signal.judged) signal.judged = pose.t;
+  if (quality.state != TrackingState::lost) return;
+  signal.lost = pose.t;
+  signal.lost_by_backtracking = quality.backtrack_t == pose.t && (quality.backtrack_px > limits.max_translation_px ||
+                                                                  quality.backtrack_rad > limits.max_rotation_rad);
+}
+
+/// Two trackers follow the events: one is stopped when verification fails, the other goes on and shows how signal and
+/// pose develop after that.
+inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& events) {
+  const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
+  const auto settings = verification_alone();
+  auto never_stopped = settings;
+  never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;
+  MarkerTracker judged(failure_camera(), model, failure.T_start, settings);
+  MarkerTracker shown(failure_camera(), model, failure.T_start, never_stopped);
 
   FailureSignal signal;
   Timestamp verified = 0;
   for (const Event& event : events) {
-    const auto verdict = judged.push(event);
-    if (verdict && verdict->quality.state == TrackingState::tracking && !signal.judged) signal.judged = verdict->t;
-    if (verdict && verdict->quality.state == TrackingState::lost) {
-      const TrackingQuality& last = verdict->quality;
-      signal.lost = verdict->t;
-      signal.lost_by_backtracking =
-          last.backtrack_t == verdict->t && (last.backtrack_px > judging.verification.max_translation_px ||
-                                             last.backtrack_rad > judging.verification.max_rotation_rad);
-    }
-    const auto pose = shown.push(event);
+    if (const auto* const pose = judged.push(event)) note(*pose, settings.verification, signal);
+    const auto* const pose = shown.push(event);
     if (!pose) continue;
     const TrackingQuality& quality = pose->quality;
+    const Eigen::Isometry3d truth = failure.motion(static_cast<double>(pose->t) * 1e-6);
     signal.poses.push_back({pose->t, judged.state(), quality.backtrack_px, quality.backtrack_rad,
-                            pose_error(pose->T_camera_marker, truth(pose->t)), speed(pose->t)});
+                            pose_error(pose->T_camera_marker, truth), corner_speed_px_per_s(failure.motion, pose->t)});
     if (std::exchange(verified, quality.backtrack_t) != quality.backtrack_t)
       signal.verifications.push_back(signal.poses.back());
   }

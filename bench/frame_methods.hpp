@@ -1,5 +1,5 @@
 #pragma once
-// The frame methods of the accuracy comparison, as one writes them with OpenCV: find corners, solve for the pose.
+// The frame methods of the accuracy comparison, as usual with OpenCV: find corners, solve for the pose.
 #include <Eigen/Geometry>
 #include <array>
 #include <cmath>
@@ -106,7 +106,7 @@ inline Run aruco_on_polarity(const Situation& situation, const std::vector<Event
   return run;
 }
 
-/// A finder of markers on the images of a frame camera; a pose's time is the middle of the exposure.
+/// A detector on the images of a frame camera; a pose's time is the middle of the exposure.
 /// @param stride only every so-many-th image is made and looked at
 template <typename Finder>
 Run run_grey(const Situation& situation, const GreySettings& settings, int stride, const Finder& finder) {

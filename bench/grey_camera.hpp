@@ -1,5 +1,5 @@
 #pragma once
-// A frame camera in the place of the event camera: grey images of the same scene with exposure blur and read noise.
+// A frame camera at the place of the event camera: grey images of the same scene with exposure blur and read noise.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>

@@ -44,7 +44,7 @@ void tracking(benchmark::State& state) {
             pushed);
 }
 
-// As a user gets it: every other window of 100 updates is gone over twice.
+// Default settings: every other window of 100 updates is verified.
 template <PoseUpdateRule Rule>
 void verified(benchmark::State& state) {
   run<Rule>(state, {.events_per_update = static_cast<int>(state.range(0))}, Pushed::together);

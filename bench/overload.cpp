@@ -75,54 +75,96 @@ long resident_mb() {
   return pages * kPageKb / 1024;
 }
 
+// The marker alone for a second, with a flood of other events for some seconds, and alone again for a second.
+class Flood {
+ public:
+  Flood(TurningMarker& marker, double rate, int seconds)
+      : marker_(marker),
+        noise_(rate / static_cast<double>(marker.events_in_a_second()) - 1),
+        flood_end_((1 + seconds) * kSecond) {
+    marker_.restart();
+  }
+
+  Timestamp end() const { return flood_end_ + kSecond; }
+
+  /// The events since the last call; valid until the next one.
+  std::span<const Event> until(Timestamp t) {
+    piece_.clear();
+    marker_.for_each_until(t, [&](const Event& event) {
+      piece_.push_back(event);
+      if (event.t < kSecond || event.t >= flood_end_) return;
+      for (owed_ += noise_; owed_ >= 1; owed_ -= 1)
+        piece_.push_back({static_cast<std::uint16_t>(random_() % 60), static_cast<std::uint16_t>(random_() % 480),
+                          static_cast<std::int16_t>(random_() % 2), event.t});
+    });
+    return piece_;
+  }
+
+ private:
+  TurningMarker& marker_;
+  double noise_, owed_ = 0;  // events for every event of the marker
+  Timestamp flood_end_;
+  std::mt19937 random_{1};
+  std::vector<Event> piece_;
+};
+
+// What a run showed: whether the counters add up, how much waited, how much memory it took.
+class Record {
+ public:
+  void add(const live::Status& s, Timestamp t) {
+    exact_ = exact_ && s.events == s.processed + s.filtered + s.off_sensor + s.dropped + s.queue_depth;
+    most_waiting_ = std::max(most_waiting_, s.queue_depth);
+    most_mb_ = std::max(most_mb_, resident_mb());
+    if (t == 2 * kSecond) mb_at_first_ = most_mb_;
+  }
+
+  /// After everything was pushed and flushed.
+  void require_all(std::uint64_t pushed, const live::Status& s) {
+    exact_ = exact_ && pushed == s.events && s.queue_depth == 0;
+  }
+
+  bool exact() const { return exact_; }
+
+  void print(const char* name, const live::Status& s, std::uint64_t tracked, double late_ms) const {
+    const auto number = [](std::uint64_t n) { return static_cast<unsigned long long>(n); };
+    std::printf("%-12s %11llu %11llu %10llu %10llu  %-5s %9llu %8llu  %4ld %4ld %10.1f\n", name, number(s.events),
+                number(s.processed), number(s.filtered), number(s.dropped), exact_ ? "yes" : "NO", number(tracked),
+                number(most_waiting_), mb_at_first_, most_mb_, late_ms);
+    std::fflush(stdout);
+  }
+
+ private:
+  bool exact_ = true;
+  std::uint64_t most_waiting_ = 0;
+  long mb_at_first_ = 0, most_mb_ = 0;
+};
+
 // True if every event is accounted for.
 bool run(OverloadPolicy policy, const char* name, TurningMarker& marker, double rate, int seconds) {
   std::atomic<std::uint64_t> tracked = 0;
   live::Pipeline pipeline(kCamera, opencv::ArucoDetector(kCamera, kMarker),
                           [&](const PoseEstimate& pose) { tracked += pose.quality.state == TrackingState::tracking; },
                           {.overload = policy});
-  std::mt19937 random(1);
-  std::vector<Event> piece;
-  const double noise = rate / static_cast<double>(marker.events_in_a_second()) - 1;  // for every event of the marker
-  double owed = 0;
-  std::uint64_t pushed = 0, most_waiting = 0;
-  long mb_at_first = 0, most_mb = 0;
-  bool exact = true;
+  Flood flood(marker, rate, seconds);
+  Record record;
+  std::uint64_t pushed = 0;
   std::chrono::steady_clock::duration late{};
-  marker.restart();
   const auto start = std::chrono::steady_clock::now();
-  // A second of the marker alone, the flood, and another second alone.
-  const Timestamp flood_end = (1 + seconds) * kSecond, end = flood_end + kSecond;
-  for (Timestamp t = kMillisecond; t <= end; t += kMillisecond) {
-    piece.clear();
-    marker.for_each_until(t, [&](const Event& event) {
-      piece.push_back(event);
-      if (event.t < kSecond || event.t >= flood_end) return;
-      for (owed += noise; owed >= 1; owed -= 1)
-        piece.push_back({static_cast<std::uint16_t>(random() % 60), static_cast<std::uint16_t>(random() % 480),
-                         static_cast<std::int16_t>(random() % 2), event.t});
-    });
+  for (Timestamp t = kMillisecond; t <= flood.end(); t += kMillisecond) {
+    const auto events = flood.until(t);
     const auto due = start + std::chrono::microseconds(t);
     late = std::max(late, std::chrono::steady_clock::now() - due);
     std::this_thread::sleep_until(due);
-    pipeline.push(piece);
-    pushed += piece.size();
-    if (t % (100 * kMillisecond) != 0) continue;
-    const live::Status s = pipeline.status();
-    exact = exact && s.events == s.processed + s.filtered + s.off_sensor + s.dropped + s.queue_depth;
-    most_waiting = std::max(most_waiting, s.queue_depth);
-    most_mb = std::max(most_mb, resident_mb());
-    if (t == 2 * kSecond) mb_at_first = most_mb;
+    pipeline.push(events);
+    pushed += events.size();
+    if (t % (100 * kMillisecond) == 0) record.add(pipeline.status(), t);
   }
   pipeline.flush();
-  const live::Status s = pipeline.status();
-  exact = exact && pushed == s.events && s.events == s.processed + s.filtered + s.off_sensor + s.dropped;
-  const auto number = [](std::uint64_t n) { return static_cast<unsigned long long>(n); };
-  std::printf("%-12s %11llu %11llu %10llu %10llu  %-5s %9llu %8llu  %4ld %4ld %10.1f\n", name, number(s.events),
-              number(s.processed), number(s.filtered), number(s.dropped), exact ? "yes" : "NO", number(tracked),
-              number(most_waiting), mb_at_first, most_mb, std::chrono::duration<double, std::milli>(late).count());
-  std::fflush(stdout);
-  return exact;
+  const live::Status end = pipeline.status();
+  record.add(end, flood.end());
+  record.require_all(pushed, end);
+  record.print(name, end, tracked, std::chrono::duration<double, std::milli>(late).count());
+  return record.exact();
 }
 
 }  // namespace

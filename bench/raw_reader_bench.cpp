@@ -32,7 +32,7 @@ class TemporaryFile {
 };
 
 // Ten seconds of EVT3 from the system's file cache to events. The reader reads ahead on another thread, so that this
-// thread's processor time would tell too little: the rate is by the wall clock.
+// thread's processor time would be too little: the rate is by the wall clock.
 void read_evt3(benchmark::State& state) {
   constexpr Timestamp kRepeats = 10;
   const auto& recording = bench::recording();

@@ -37,15 +37,15 @@
 
 namespace evmarker::bench {
 
-/// What a trial changes of the settings that the library comes with, and how it is watched.
+/// What a trial changes in the library's default settings, and how its poses are observed.
 struct Trial {
   std::optional<int> events_per_update;
   std::optional<std::chrono::microseconds> filter_window;
   bool one_by_one = false;  ///< events are pushed alone, not in ranges
-  std::function<void(const PoseEstimate&)> watch = [](const PoseEstimate&) {};  ///< sees every pose
+  std::function<void(const PoseEstimate&)> watch = [](const PoseEstimate&) {};  ///< called with every pose
 };
 
-/// Pushes events as a trial wants it: `use(pose)` is called with each pose.
+/// Pushes events as the trial sets it: `use(pose)` is called with each pose.
 template <typename AnyTracker, typename Use>
 void push(AnyTracker& tracker, std::span<const Event> events, const Trial& trial, const Use& use) {
   const auto watched = [&](const PoseEstimate& pose) {
@@ -136,7 +136,7 @@ struct Distance {
   double length, angle_deg;
 };
 
-/// Feeds a tracker the events from the first moment on and asks it at each moment for the pose of that moment.
+/// Pushes the events from the first moment on and evaluates the tracker's pose at each moment.
 /// @param distance of a pose from the reference of the moment with a number
 template <typename TrackerOfOne, typename DistanceOf>
 BodyVerdict follow(TrackerOfOne& tracker, std::span<const Event> events, std::span<const Timestamp> moments,
@@ -215,7 +215,7 @@ BodyVerdict judge_flip(const std::filesystem::path& data, const Trial& trial = {
 }
 
 /// Squared errors of all `tracking` poses by their covariance, for each degree of freedom: 1 on average where a
-/// covariance is honest.
+/// covariance is consistent.
 struct Nees {
   std::vector<double> all, translation, rotation;
 
@@ -247,7 +247,7 @@ struct TagsVerdict {
 
 namespace detail {
 
-/// What the tags' batch fit says: the board's pose and the corners in the image.
+/// The batch fit of the tags: the board's pose and the corners in the image.
 class TagsReference {
  public:
   explicit TagsReference(const std::filesystem::path& folder) {
@@ -263,7 +263,7 @@ class TagsReference {
 
   std::optional<Eigen::Isometry3d> T_camera_board(Timestamp t) const { return T_camera_board_.at(t); }
 
-  /// From the tag's top left clockwise; nothing outside of the time that the fit tells.
+  /// From the tag's top left clockwise; nothing outside of the time that the fit covers.
   std::optional<std::array<Eigen::Vector2d, 4>> corners(MarkerId id, Timestamp t) const {
     const std::vector<Corners>& all = corners_.at(id);
     const auto next = std::ranges::upper_bound(all, t, {}, &Corners::t);
@@ -299,9 +299,72 @@ inline void add_nees(TagsVerdict& verdict, const PoseEstimate& pose, const Eigen
   verdict.fit.add(error, *pose.covariance + J * board.cwiseAbs2().asDiagonal() * J.transpose());
 }
 
+/// Judges the poses of the tags, or of the board that they are on.
+class TagsJudge {
+ public:
+  TagsJudge(const std::filesystem::path& folder, PinholeCamera camera, Board board, bool as_board)
+      : reference_(folder), camera_(std::move(camera)), board_(std::move(board)), as_board_(as_board) {
+    verdict_.targets = as_board ? 1 : static_cast<int>(board_.markers.size());
+  }
+
+  void add(const PoseEstimate& pose, Timestamp begin) {
+    if (pose.quality.state == TrackingState::lost) ++verdict_.losses[pose.quality.loss_reason];
+    if (pose.quality.state != TrackingState::tracking) return;
+    if (std::ranges::find(verdict_.tracked, pose.id) == verdict_.tracked.end()) {
+      verdict_.tracked.push_back(pose.id);
+      verdict_.first_ms.push_back(1e-3 * static_cast<double>(pose.t - begin));
+    }
+    if (as_board_)
+      compare_board(pose);
+    else
+      compare_tag(pose);
+  }
+
+  TagsVerdict verdict() const {
+    TagsVerdict verdict = verdict_;
+    verdict.corner_px =
+        corners_ > 0 ? distances_px_ / static_cast<double>(corners_) : std::numeric_limits<double>::quiet_NaN();
+    return verdict;
+  }
+
+ private:
+  void compare_board(const PoseEstimate& pose) {
+    for (const BoardMarker& tag : board_.markers)
+      compare_corners(tag, pose.t, pose.T_camera_marker * tag.T_board_marker);
+    if (const auto T_camera_board = reference_.T_camera_board(pose.t))
+      add_nees(verdict_, pose, *T_camera_board, Eigen::Vector3d::Zero());
+  }
+
+  void compare_tag(const PoseEstimate& pose) {
+    const auto tag = std::ranges::find(board_.markers, pose.id, &BoardMarker::id);
+    if (tag == board_.markers.end()) return;
+    compare_corners(*tag, pose.t, pose.T_camera_marker);
+    if (const auto T_camera_board = reference_.T_camera_board(pose.t))
+      add_nees(verdict_, pose, *T_camera_board * tag->T_board_marker,
+               T_camera_board->linear() * tag->T_board_marker.translation());
+  }
+
+  void compare_corners(const BoardMarker& tag, Timestamp t, const Eigen::Isometry3d& T_camera_tag) {
+    const auto expected = reference_.corners(tag.id, t);
+    if (!expected) return;
+    const auto square = make_square_marker(tag.length).vertices;
+    for (std::size_t k = 0; k < 4; ++k)
+      distances_px_ += (camera_.project(T_camera_tag * square[k]) - (*expected)[k]).norm();
+    corners_ += 4;
+  }
+
+  TagsReference reference_;
+  PinholeCamera camera_;
+  Board board_;
+  bool as_board_;
+  TagsVerdict verdict_;
+  double distances_px_ = 0;
+  std::uint64_t corners_ = 0;
+};
+
 }  // namespace detail
 
-/// The tags as `Tracker` finds and follows them. The covariance is held against the batch fit.
+/// The tags as `Tracker` finds and follows them; the covariance is compared with the batch fit.
 template <PoseUpdateRule Rule>
 TagsVerdict judge_tags(const std::filesystem::path& data, bool as_board, const Trial& trial = {}) {
   const std::filesystem::path folder = data / "tags";
@@ -309,45 +372,14 @@ TagsVerdict judge_tags(const std::filesystem::path& data, bool as_board, const T
   const PinholeCamera camera = opencv::load_calibration((folder / "camera.yml").string());
   const Board board = opencv::load_board((folder / "board.yml").string(), kDictionary);
   const std::vector<Event> events = detail::read_events(folder / "events.csv", camera.sensor_size());
-  const detail::TagsReference reference(folder);
   // One type of detector for both, to compile once: with no boards it passes on every tag.
   BoardDetector detector(
       camera, opencv::ArucoDetector(camera, {.dictionary = kDictionary, .marker_length = board.markers[0].length}),
       as_board ? std::vector{board} : std::vector<Board>{});
   Tracker<decltype(detector), Rule> tracker(camera, detector, settings<TrackerSettings<Rule>>(trial));
-
-  TagsVerdict verdict;
-  verdict.targets = as_board ? 1 : static_cast<int>(board.markers.size());
-  std::uint64_t corners = 0;
-  const auto add_corners = [&](const BoardMarker& tag, Timestamp t, const Eigen::Isometry3d& T_camera_tag) {
-    const auto expected = reference.corners(tag.id, t);
-    if (!expected) return;
-    const auto square = make_square_marker(tag.length).vertices;
-    for (std::size_t k = 0; k < 4; ++k) {
-      verdict.corner_px += (camera.project(T_camera_tag * square[k]) - (*expected)[k]).norm();
-      ++corners;
-    }
-  };
-  push(tracker, events, trial, [&](const PoseEstimate& pose) {
-    if (pose.quality.state == TrackingState::lost) ++verdict.losses[pose.quality.loss_reason];
-    if (pose.quality.state != TrackingState::tracking) return;
-    if (std::ranges::find(verdict.tracked, pose.id) == verdict.tracked.end()) {
-      verdict.tracked.push_back(pose.id);
-      verdict.first_ms.push_back(1e-3 * static_cast<double>(pose.t - events.front().t));
-    }
-    const auto T_camera_board = reference.T_camera_board(pose.t);
-    for (const BoardMarker& tag : board.markers) {
-      if (!as_board && tag.id != pose.id) continue;
-      add_corners(tag, pose.t, as_board ? pose.T_camera_marker * tag.T_board_marker : pose.T_camera_marker);
-      if (!as_board && T_camera_board)
-        detail::add_nees(verdict, pose, *T_camera_board * tag.T_board_marker,
-                         T_camera_board->linear() * tag.T_board_marker.translation());
-    }
-    if (as_board && T_camera_board) detail::add_nees(verdict, pose, *T_camera_board, Eigen::Vector3d::Zero());
-  });
-  verdict.corner_px =
-      corners > 0 ? verdict.corner_px / static_cast<double>(corners) : std::numeric_limits<double>::quiet_NaN();
-  return verdict;
+  detail::TagsJudge judge(folder, camera, board, as_board);
+  push(tracker, events, trial, [&](const PoseEstimate& pose) { judge.add(pose, events.front().t); });
+  return judge.verdict();
 }
 
 }  // namespace evmarker::bench

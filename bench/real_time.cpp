@@ -78,7 +78,7 @@ int main(int argc, char** argv) {
   app.add_option("output", output, "CSV file: recording time, then computation time of every rule and n")->required();
   CLI11_PARSE(app, argc, argv);
   try {
-    io::OutputFile file(output);  // says early if it cannot be written
+    io::OutputFile file(output);  // fails early if it cannot be written
     std::vector<Run> runs;
     for (const int n : {1, 2, 5, 10, 50, 100}) runs.push_back(run<DecoupledUpdate>("paper's rule", n));
     for (const int n : {1, 2, 5, 10, 50, 100}) runs.push_back(run<KalmanUpdate>("Kalman", n));

@@ -1,5 +1,5 @@
 #pragma once
-// What every benchmark runs on: recordings simulated once per process, with their truth.
+// The recordings of every benchmark, simulated once per process, with their truth.
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Geometry>
@@ -47,7 +47,7 @@ inline Scene one_marker() {
   return {{marker}, {}, {}};
 }
 
-/// Markers in a grid that fills the image, each in a hand of its own: up to 20 of 7 cm, up to 50 of 4 cm. All wear the
+/// Markers in a grid that fills the image, each moving by itself: up to 20 of 7 cm, up to 50 of 4 cm. All have the
 /// code of marker 7, so that the work for one marker is the same for all.
 inline Scene many_markers(int count) {
   const bool small = count > 20;
@@ -88,7 +88,7 @@ struct Recording {
   }
   Timestamp end() const { return events.back().t; }
 
-  /// What a detection may hand over: 5 mm beside, 15 mm behind and 1.7 deg off the true pose.
+  /// A start pose as a detection may give it: 5 mm beside, 15 mm behind and 1.7 deg off the true pose.
   Eigen::Isometry3d detected_start() const {
     Eigen::Isometry3d T = truth(0);
     T.translation() += Eigen::Vector3d(0.004, -0.003, 0.015);

@@ -1,5 +1,5 @@
 #pragma once
-// The recordings on which accuracy is compared: what moves how, seen by which camera, and what counts as good.
+// The recordings on which accuracy is compared: motions, scenes, cameras, and the errors that count as good.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -248,7 +248,7 @@ inline Situation low_contrast(Random random) {
   return situation;
 }
 
-/// Nothing is as white as the next thing: the outer edges make 9, 7, 5 and 2 events a passage, those of the code 5
+/// Every edge has another contrast: the outer edges make 9, 7, 5 and 2 events a passage, those of the code 5
 /// to 9.
 inline Situation uneven(Random random) {
   auto situation = near(random);
@@ -291,7 +291,7 @@ inline Situation defocus(Random random) {
   return situation;
 }
 
-/// What stands in a preset, seen through its usual lens.
+/// The sensor of a preset behind its usual lens.
 inline Situation with_sensor(Random& random, const char* name, const trajectory::Handheld& sway, double duration_s) {
   const SensorPreset& sensor = sensor_preset(name);
   const double cx = 0.5 * (sensor.size.width - 1), cy = 0.5 * (sensor.size.height - 1);
@@ -338,7 +338,7 @@ inline Situation rests(Random random) {
   return situation;
 }
 
-/// Hot pixels: they leak all the time and make noise, and for most of the time nothing else.
+/// Leaking pixels and noise, which are most of the events while the marker rests.
 inline Situation leak(Random random) {
   auto situation = one_marker(random, trajectory::stop_and_go(trajectory::handheld(near_sway(random)), 0.4, 0.8), 2.8);
   situation.simulator.noise_hz_per_px = 2;

@@ -9,7 +9,7 @@ using namespace evmarker;
 
 namespace {
 
-/// Hands over the true poses at its first look, nothing later: detection costs nothing, and what is lost stays lost.
+/// Returns the true poses in the first frame and nothing later: detection costs nothing, and a lost marker stays lost.
 class TrueStart {
  public:
   explicit TrueStart(const bench::Recording& recording) : recording_(&recording) {}

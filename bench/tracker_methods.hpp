@@ -27,7 +27,7 @@ inline std::vector<Event> simulate(const Situation& situation) {
 /// Processor time of this process [s]: what one thread takes while no other runs.
 inline double processor_s() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
-/// A detector that notes how long it looks.
+/// A detector that measures its own time.
 template <MarkerDetector D>
 struct TimedDetector {
   D detector;
@@ -68,12 +68,12 @@ inline Run paper_numbers(const Situation& situation, const std::vector<Event>& e
   return run_tracker(situation, events, settings);
 }
 
-/// The paper's rule as it comes: with this library's gains and n, trail and rests.
+/// The paper's rule with the library's default settings.
 inline Run paper_rule_tuned(const Situation& situation, const std::vector<Event>& events) {
   return run_tracker(situation, events, TrackerSettings<DecoupledUpdate>{});
 }
 
-/// The coupled Kalman filter, as it comes.
+/// The coupled Kalman filter with its default settings.
 inline Run kalman(const Situation& situation, const std::vector<Event>& events) {
   return run_tracker(situation, events, TrackerSettings<KalmanUpdate>{});
 }

@@ -1,5 +1,5 @@
 #pragma once
-// What a method's poses are worth against the truth of a recording.
+// Compares a method's poses with the truth of a recording.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,7 @@
 
 namespace evmarker::bench {
 
-/// A pose held against the truth.
+/// A pose compared with the truth.
 struct JudgedPose {
   Timestamp t = 0;
   TrackingState state = TrackingState::tracking;
@@ -39,7 +39,7 @@ inline JudgedPose judge(const PoseEstimate& pose, const Eigen::Isometry3d& truth
   return judged;
 }
 
-/// Everything that a method said about one recording.
+/// All results of a method on one recording.
 struct Run {
   std::vector<std::vector<JudgedPose>> markers;  ///< by place in the scene, in order of time
   std::vector<JudgedPose> strangers;             ///< poses of ids that are not in the scene
@@ -86,7 +86,7 @@ inline std::vector<Absence> absences(const Situation& situation, std::size_t mar
   return found;
 }
 
-/// Something that a developer of trackers wants to look at.
+/// Something that a developer of trackers should inspect.
 struct Incident {
   std::string what;
   std::size_t marker;

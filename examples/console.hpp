@@ -9,10 +9,11 @@
 #include <cstdio>
 #include <exception>
 #include <string>
+#include <utility>
 
 namespace console {
 
-/// A bar on stderr while work is under way; nothing where stderr is no terminal, or if told to be quiet.
+/// A progress bar on stderr; shows nothing where stderr is no terminal, or in quiet mode.
 class ProgressBar {
  public:
   explicit ProgressBar(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO) != 0) {}
@@ -69,12 +70,17 @@ inline int fail(const CLI::App& app, std::string reason) {
   return 1;
 }
 
-/// Runs a program's body; whatever goes wrong becomes one line on stderr and exit code 1.
-template <typename Body>
-int run(CLI::App& app, int argc, char** argv, Body&& body) {
+/// What a program's `main` does: reads its options, then runs its body with them. Whatever goes wrong becomes one line
+/// on stderr and exit code 1.
+/// @tparam Options has `add_to(CLI::App&)`
+template <typename Options, typename Body>
+int run(const char* name, const char* description, int argc, char** argv, const Body& body) {
+  CLI::App app(description, name);
+  Options options;
+  options.add_to(app);
   try {
     app.parse(argc, argv);
-    body();
+    body(std::as_const(options));
     return 0;
   } catch (const CLI::ParseError& error) {
     return error.get_exit_code() == 0 ? app.exit(error) : fail(app, std::string(error.what()) + " (see --help)");

@@ -15,10 +15,29 @@ using namespace evmarker;
 
 namespace {
 
-void evaluate(const std::string& poses_path, const std::string& truth_path, const std::string& errors_path) {
-  const auto poses = io::read_pose_csv(poses_path);
-  if (poses.empty()) throw std::runtime_error(poses_path + ": no poses in it");
-  const auto truth = io::GroundTruth::read(truth_path);
+struct Options {
+  std::string poses, truth, errors;
+
+  void add_to(CLI::App& app) {
+    app.add_option("poses", poses, "poses.csv of track_file")->required();
+    app.add_option("--truth", truth, "true poses: TUM, or a pose table with marker ids")->required();
+    app.add_option("--errors", errors, "every pose's error as CSV");
+  }
+};
+
+void print(const std::map<MarkerId, AccuracyMeter>& meters, Timestamp end) {
+  std::puts("marker  tracking poses  mean mm   deg   median mm   deg    95 % mm   deg   covered  lost");
+  for (const auto& [id, meter] : meters) {
+    const Spread mm = meter.translation_mm(), deg = meter.rotation_deg();
+    std::printf("%6d  %14zu  %7.2f  %5.2f  %9.2f  %5.2f  %8.2f  %5.2f  %6.1f %%  %4zu\n", id, meter.tracking(), mm.mean,
+                deg.mean, mm.median, deg.median, mm.p95, deg.p95, 100 * meter.coverage(end), meter.lost());
+  }
+}
+
+void evaluate(const Options& options) {
+  const auto poses = io::read_pose_csv(options.poses);
+  if (poses.empty()) throw std::runtime_error(options.poses + ": no poses in it");
+  const auto truth = io::GroundTruth::read(options.truth);
   std::map<MarkerId, AccuracyMeter> meters;
   std::string errors = "t_s,marker_id,state,translation_mm,rotation_deg,backtrack_px,backtrack_rad\n";
   Timestamp end = 0;
@@ -39,30 +58,20 @@ void evaluate(const std::string& poses_path, const std::string& truth_path, cons
     errors += line;
   }
   if (meters.empty())
-    throw std::runtime_error(poses_path + ": none of its " + std::to_string(poses.size()) +
-                             " poses has a true one of the same marker and time in " + truth_path);
-  if (!errors_path.empty()) {
-    io::OutputFile file(errors_path);
+    throw std::runtime_error(options.poses + ": none of its " + std::to_string(poses.size()) +
+                             " poses has a true one of the same marker and time in " + options.truth);
+  if (!options.errors.empty()) {
+    io::OutputFile file(options.errors);
     file.write(errors);
     file.close();
   }
-
-  std::puts("marker  tracking poses  mean mm   deg   median mm   deg    95 % mm   deg   covered  lost");
-  for (const auto& [id, meter] : meters) {
-    const Spread mm = meter.translation_mm(), deg = meter.rotation_deg();
-    std::printf("%6d  %14zu  %7.2f  %5.2f  %9.2f  %5.2f  %8.2f  %5.2f  %6.1f %%  %4zu\n", id, meter.tracking(), mm.mean,
-                deg.mean, mm.median, deg.median, mm.p95, deg.p95, 100 * meter.coverage(end), meter.lost());
-  }
+  print(meters, end);
   if (without_truth > 0) std::printf("%zu of %zu poses have no true one\n", without_truth, poses.size());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Compares poses that track_file wrote with the truth.", "evaluate");
-  std::string poses, truth, errors;
-  app.add_option("poses", poses, "poses.csv of track_file")->required();
-  app.add_option("--truth", truth, "true poses: TUM, or a pose table with marker ids")->required();
-  app.add_option("--errors", errors, "every pose's error as CSV");
-  return console::run(app, argc, argv, [&] { evaluate(poses, truth, errors); });
+  return console::run<Options>("evaluate", "Compares poses that track_file wrote with the truth.", argc, argv,
+                               evaluate);
 }

@@ -1,5 +1,5 @@
 #pragma once
-// A wireframe's tracker with the face of `Tracker`, so that programs show and count both alike.
+// A wireframe's tracker with the interface of `Tracker`, so that programs treat both alike.
 #include <cmath>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/opencv/wireframe.hpp>
@@ -35,12 +35,12 @@ class FollowedBody {
   evmarker::WireframeTracker<Rule> tracker_;
 };
 
-/// Reads a body, with a start of one's own in place of the file's where that has seven numbers: `tx,ty,tz,qx,qy,qz,qw`.
-/// @throws std::runtime_error or std::invalid_argument where there is no start, or one that is none
+/// Reads a body. A `start` of seven numbers, `tx,ty,tz,qx,qy,qz,qw`, replaces that of the file.
+/// @throws std::runtime_error or std::invalid_argument where there is no start, or an invalid one
 inline evmarker::Wireframe load_body(const std::string& path, const std::vector<double>& start) {
   evmarker::Wireframe body = evmarker::opencv::load_wireframe(path);
   if (start.empty()) {
-    if (!body.start) throw std::invalid_argument(path + " has no start: tell where the body is by --start");
+    if (!body.start) throw std::invalid_argument(path + " has no start: give one with --start");
     return body;
   }
   for (const double value : start)

@@ -1,5 +1,5 @@
 #pragma once
-// The options of the programs that track on threads, and the line with which they end.
+// The options of the programs that track on threads, and the last line of their output.
 #include <cinttypes>
 #include <cstddef>
 #include <cstdio>

@@ -1,9 +1,9 @@
 #pragma once
-// The paper's tracker, equation by equation, without any trick: what to read beside it.
+// The paper's tracker, equation by equation and without optimisation, to be read beside the paper.
 //
-// Loch, Haessig, Vincze: Event-based high-speed low-latency fiducial marker tracking. Where its notation slips, what is
-// meant stands here and a comment says so. Every event is compared with every segment and every system goes to Eigen's
-// general solvers; the library's `DecoupledUpdate` makes the same steps many times faster.
+// Loch, Haessig, Vincze: Event-based high-speed low-latency fiducial marker tracking. Where its notation has slips, the
+// code has what is meant, with a comment. Every event is compared with every segment and every system goes to Eigen's
+// general solvers; the library's `DecoupledUpdate` takes the same steps many times faster.
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,5 +1,5 @@
 #pragma once
-// When a recording is not what the calibration says, or no recording at all.
+// Refuses recordings that do not fit the calibration, or are garbled.
 #include <cstdint>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
@@ -20,8 +20,8 @@ inline void require_size(evmarker::SensorSize recorded, const std::string& path,
                            camera_path + " say " + show(camera_size));
 }
 
-/// A packet that was lost garbles a few words, which are counted and reported; beyond 1 % something is wrong.
-/// @param at_end judges also what is too short for that
+/// A lost packet garbles a few words, which are counted and reported; more than 1 % are an error.
+/// @param at_end also checks recordings that are too short for a share of 1 % to mean anything
 /// @throws std::runtime_error naming the file and the counts
 inline void require_sane(const evmarker::io::EventReader& recording, const std::string& path,
                          const std::string& camera_path, bool at_end) {
@@ -35,7 +35,7 @@ inline void require_sane(const evmarker::io::EventReader& recording, const std::
          " events");
   if (too_many(s.off_sensor))
     fail(std::to_string(s.off_sensor) + " of " + std::to_string(s.events + s.off_sensor) +
-         " events are off the sensor of " + show(recording.sensor_size()) + " that " + camera_path + " tells");
+         " events are off the sensor of " + show(recording.sensor_size()) + " in " + camera_path);
   if (s.events == 0)
     fail("no events in it" + (s.dropped_before_time > 0
                                   ? " but " + std::to_string(s.dropped_before_time) + " before the first time stamp"

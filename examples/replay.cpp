@@ -1,4 +1,4 @@
-// Plays a recording at its own pace through the live pipeline, as a camera would, and tells the latency of the poses.
+// Plays a recording at its own pace through the live pipeline, as a camera would, and reports the latency of the poses.
 #include <algorithm>
 #include <chrono>
 #include <cinttypes>
@@ -54,7 +54,7 @@ struct ReplayOptions : LiveOptions {
   }
 };
 
-// Says when recorded time comes. A jump of the recording's clock is no reason to wait.
+// Maps recorded time to the wall clock and waits for it, but not across a jump of the recording's clock.
 class Pace {
  public:
   explicit Pace(double speed) : speed_(speed) {}
@@ -72,7 +72,7 @@ class Pace {
     if (const auto then = wall(starts_.back(), t); then > now) std::this_thread::sleep_until(then);
   }
 
-  /// When a recorded time was, for what was seen at `now`.
+  /// The wall clock's time of a recorded time, by the start that was the latest at `now`.
   live::Clock::time_point wall(Timestamp t, live::Clock::time_point now) const {
     const auto later = std::ranges::upper_bound(starts_, now, {}, &Start::wall);
     return wall(later == starts_.begin() ? starts_.front() : *std::prev(later), t);
@@ -95,27 +95,65 @@ class Pace {
   Timestamp last_t_ = 0;
 };
 
-// When poses came out.
-struct Delivery {
-  Timestamp t;
-  live::Clock::time_point wall;
-};
+// Everything that comes out of the pipeline, and the files that it goes to.
+class Outputs {
+ public:
+  // Opens the files, so that one that cannot be written is reported before the recording is played.
+  Outputs(const ReplayOptions& options, io::PoseColumns columns)
+      : poses_(options.open_output(columns)),
+        trigger_file_(open(options.triggers)),
+        delay_file_(open(options.delays)) {}
 
-std::string delay_table(const std::vector<Delivery>& deliveries, const Pace& pace, live::Clock::time_point start) {
-  using Milliseconds = std::chrono::duration<double, std::milli>;
-  std::string text = "time_s,delay_ms\n";
-  for (const Delivery& delivery : deliveries) {
-    io::append_number(text, 1e-3 * Milliseconds(delivery.wall - start).count());
-    text += ',';
-    io::append_number(text, Milliseconds(delivery.wall - pace.wall(delivery.t, delivery.wall)).count());
-    text += '\n';
+  void write(const PoseEstimate& pose) {
+    if (poses_) poses_->write(pose);
   }
-  return text;
-}
+  void add_delivery(Timestamp t) {
+    if (delay_file_) deliveries_.push_back({t, live::Clock::now()});
+  }
+  void add(const TriggerEvent& trigger) {
+    triggers_ += std::to_string(trigger.t) + ',' + std::to_string(trigger.id) + ',' + (trigger.rising ? "1\n" : "0\n");
+  }
 
-void append(std::string& text, const TriggerEvent& trigger) {
-  text += std::to_string(trigger.t) + ',' + std::to_string(trigger.id) + ',' + (trigger.rising ? "1\n" : "0\n");
-}
+  void close(const Pace& pace, live::Clock::time_point start) {
+    if (poses_) poses_->close();
+    complete(trigger_file_, triggers_);
+    complete(delay_file_, delay_table(pace, start));
+  }
+
+ private:
+  struct Delivery {
+    Timestamp t;  // of the pose
+    live::Clock::time_point wall;
+  };
+
+  static std::optional<io::OutputFile> open(const std::string& path) {
+    if (path.empty()) return std::nullopt;
+    return io::OutputFile(path);
+  }
+
+  static void complete(std::optional<io::OutputFile>& file, const std::string& text) {
+    if (!file) return;
+    file->write(text);
+    file->close();
+  }
+
+  std::string delay_table(const Pace& pace, live::Clock::time_point start) const {
+    using Milliseconds = std::chrono::duration<double, std::milli>;
+    std::string text = "time_s,delay_ms\n";
+    for (const Delivery& delivery : deliveries_) {
+      io::append_number(text, 1e-3 * Milliseconds(delivery.wall - start).count());
+      text += ',';
+      io::append_number(text, Milliseconds(delivery.wall - pace.wall(delivery.t, delivery.wall)).count());
+      text += '\n';
+    }
+    return text;
+  }
+
+  std::optional<io::PoseCsvWriter> poses_;
+  std::optional<io::OutputFile> trigger_file_, delay_file_;
+  std::string triggers_ = "t_us,id,rising\n";
+  std::vector<Delivery> deliveries_;
+};
 
 // The first events of a batch, as many as the camera would deliver at once.
 std::size_t packet_size(std::span<const Event> events, Timestamp end) {
@@ -150,18 +188,7 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
   print_last_line(s);
 }
 
-// Says early what cannot be written.
-std::optional<io::OutputFile> open_output(const std::string& path) {
-  if (path.empty()) return std::nullopt;
-  return io::OutputFile(path);
-}
-
-void complete(std::optional<io::OutputFile>& file, const std::string& text) {
-  file->write(text);
-  file->close();
-}
-
-// As a camera delivers: what has happened since the last packet, and trigger events in their place.
+// Pushes packets as a camera delivers them, with trigger events in their place among the events.
 template <typename Pipeline>
 void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, Pipeline& pipeline,
           const std::function<void()>& after_batch) {
@@ -194,35 +221,33 @@ void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, 
 }
 
 template <PoseUpdateRule Rule>
+live::PipelineSettings<Rule> settings(const ReplayOptions& options, const typename Rule::Settings& rule,
+                                      Outputs& outputs) {
+  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
+  settings.on_trigger = [&](const TriggerEvent& trigger) { outputs.add(trigger); };
+  if (options.tick_us == 0) return settings;
+  settings.tick_interval = std::chrono::microseconds(options.tick_us);
+  settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
+    for (const PoseEstimate& pose : poses) outputs.write(pose);
+  };
+  return settings;
+}
+
+template <PoseUpdateRule Rule>
 void replay(const ReplayOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
-  const std::vector<Board> boards = options.load_boards();
-  BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
+  auto detector = options.detector(camera);
   io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
   recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
-  std::optional<io::PoseCsvWriter> output;
-  if (!options.output.empty()) output.emplace(options.output, columns);
-  auto trigger_file = open_output(options.triggers), delay_file = open_output(options.delays);
-  std::string triggers = "t_us,id,rising\n";
-  std::vector<Delivery> deliveries;
-
-  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
-  settings.on_trigger = [&](const TriggerEvent& trigger) { append(triggers, trigger); };
-  const bool ticks = options.tick_us > 0;
-  if (ticks) {
-    settings.tick_interval = std::chrono::microseconds(options.tick_us);
-    settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
-      for (const PoseEstimate& pose : poses)
-        if (output) output->write(pose);
-    };
-  }
+  Outputs outputs(options, columns);
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
-        if (delay_file) deliveries.push_back({pose.t, live::Clock::now()});
-        if (output && !ticks) output->write(pose);
+        outputs.add_delivery(pose.t);
+        if (options.tick_us == 0) outputs.write(pose);
       },
-      settings);
+      settings<Rule>(options, rule, outputs));
+
   Pace pace(options.speed);
   const auto start = live::Clock::now();
   {
@@ -235,23 +260,16 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   const std::chrono::duration<double> wall = live::Clock::now() - start;
   recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
-  if (output) output->close();
-  if (trigger_file) complete(trigger_file, triggers);
-  if (delay_file) complete(delay_file, delay_table(deliveries, pace, start));
+  outputs.close(pace, start);
   print(pipeline.status(), pipeline.latency(), wall.count());
-}
-
-void replay(const ReplayOptions& options) {
-  options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-    replay<Rule>(options, rule, columns);
-  });
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Plays an event camera's recording at its own pace through the live pipeline.", "replay");
-  ReplayOptions options;
-  options.add_to(app);
-  return console::run(app, argc, argv, [&] { replay(options); });
+  return console::run<ReplayOptions>(
+      "replay", "Plays an event camera's recording at its own pace through the live pipeline.", argc, argv,
+      [](const ReplayOptions& options) {
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { replay<Rule>(options, chosen...); });
+      });
 }

@@ -1,5 +1,5 @@
 #pragma once
-// Where moving pictures go: a window, a video. Both need parts of OpenCV that a machine without a screen may lack.
+// A window and a video file. Both need parts of OpenCV that a machine without a screen may lack.
 #include <filesystem>
 #include <opencv2/core.hpp>
 #include <stdexcept>
@@ -81,10 +81,10 @@ class VideoFile {
   /// @throws std::runtime_error where it cannot be written
   VideoFile(const std::filesystem::path& path, double fps, cv::Size size) : path_(path), part_(path) {
     const std::string ending = path.extension().string();
-    part_.replace_extension(".part" + ending);  // the ending tells the container
+    part_.replace_extension(".part" + ending);  // the ending selects the container
     const auto codecs = kCodecs.find(ending);
     if (codecs == kCodecs.end()) throw fail("no video has the ending '" + ending + "'; try .mp4");
-    { const evmarker::io::OutputFile probe(path); }  // says why where it cannot be created
+    { const evmarker::io::OutputFile probe(path); }  // throws with the reason if it cannot be created
     const Silence silence;
     for (const auto& codec : codecs->second)
       if (writer_.open(part_.string(), cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), fps, size))
@@ -106,7 +106,7 @@ class VideoFile {
     ++frames_;
   }
 
-  /// @throws std::runtime_error where not all frames arrived, as on a full disk, which the writer does not tell
+  /// @throws std::runtime_error where frames are missing, as on a full disk: the writer reports no errors
   void close() {
     if (!writer_.isOpened()) return;
     writer_.release();
@@ -124,7 +124,7 @@ class VideoFile {
   }
 
  private:
-  // OpenCV's own words about what fails: the one line of the error is enough.
+  // Mutes OpenCV's own messages about what fails: the one line of the error is enough.
   class Silence {
    public:
     Silence() = default;

@@ -218,8 +218,5 @@ void simulate(const Options& o) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Simulates an event camera in front of markers.", "simulate");
-  Options options;
-  options.add_to(app);
-  return console::run(app, argc, argv, [&] { simulate(options); });
+  return console::run<Options>("simulate", "Simulates an event camera in front of markers.", argc, argv, simulate);
 }

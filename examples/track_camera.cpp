@@ -50,9 +50,18 @@ struct CameraOptions : LiveOptions {
     app.add_flag("--no-display", no_display, "no window but a line per second");
     app.get_option("--quiet")->description("no line per second");
   }
+
+  template <PoseUpdateRule Rule>
+  live::PipelineSettings<Rule> camera_settings(const typename Rule::Settings& rule) const {
+    live::PipelineSettings<Rule> settings = pipeline_settings<Rule>(rule);
+    if (!every_event) return settings;
+    settings.overload = live::OverloadPolicy::block;
+    settings.wait_for_detector = true;
+    return settings;
+  }
 };
 
-// What the camera's thread hands to the picture; it never waits for the drawing.
+// Buffers events between the camera's thread and the picture; the camera's thread never waits for the drawing.
 class EventTap {
  public:
   explicit EventTap(SensorSize size) : frame_(size) { waiting_.reserve(kMost); }
@@ -63,7 +72,7 @@ class EventTap {
     for (const auto* e = end - std::min(end - begin, room); e != end; ++e) waiting_.push_back(to_event(*e));
   }
 
-  /// The events until the poses were updated, so that they match; all of them where nothing moves.
+  /// The frame at the time of the poses, so that events and poses match; with all events where nothing moves.
   const PolarityFrame& frame(const std::vector<PoseEstimate>& poses) {
     {
       const std::lock_guard lock(mutex_);
@@ -132,71 +141,99 @@ class StatusLines {
   std::uint64_t events_ = 0, poses_ = 0;
 };
 
+// The window and what it shows; without a window, nothing.
+class Display {
+ public:
+  Display(const PinholeCamera& camera, bool wanted) : view_(camera), tap_(camera.sensor_size()) {
+    if (wanted && Window::possible()) window_.emplace("track_camera");
+  }
+
+  bool shown() const { return window_.has_value(); }
+  bool closed() const { return window_ && window_->closed(); }
+
+  void add(const PoseEstimate& pose) {
+    if (window_) view_.add(pose);
+  }
+  void add(const Metavision::EventCD* begin, const Metavision::EventCD* end) {
+    if (window_) tap_.push(begin, end);
+  }
+
+  /// Draws the poses of the last updates and the events before them, and waits for the keyboard until the given time.
+  template <typename Pipeline, typename ModelOf>
+  void show(const Pipeline& pipeline, const live::Status& status, const ModelOf& model_of,
+            live::Clock::time_point until) {
+    const auto poses = pipeline.tick(std::numeric_limits<Timestamp>::min());  // not moved on
+    window_->show(view_.draw(tap_.frame(poses), status.events, poses, model_of, overlay_lines(status)), until);
+  }
+
+ private:
+  std::optional<Window> window_;
+  TrackingView view_;
+  EventTap tap_;
+};
+
+// Ends `watch`; a second signal ends the program at once.
+void stop_on_signals() {
+  for (const int signal : {SIGINT, SIGTERM})
+    std::signal(signal, [](int caught) {
+      interrupted = true;
+      std::signal(caught, SIG_DFL);
+    });
+}
+
+// Shows the tracking until the events end, the window is closed or a signal comes.
+template <typename Pipeline, typename ModelOf>
+void watch(OpenEbSource& source, const Pipeline& pipeline, Display& display, const ModelOf& model_of, bool quiet) {
+  StatusLines lines;
+  while (source.running() && !interrupted && !display.closed()) {
+    const live::Status status = pipeline.status();
+    if (!status.error.empty()) break;
+    const auto until = live::Clock::now() + 40ms;
+    if (display.shown())
+      display.show(pipeline, status, model_of, until);
+    else
+      std::this_thread::sleep_until(until);
+    if (!display.shown() && !quiet) lines.print_if_due(status);
+  }
+}
+
 template <PoseUpdateRule Rule>
 void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
-  const std::vector<Board> boards = options.load_boards();
-  BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
-  std::optional<Window> window;
-  if (!options.no_display && Window::possible()) window.emplace("track_camera");
+  auto detector = options.detector(camera);
+  Display display(camera, !options.no_display);
   const std::string name = options.recording.empty() ? "camera" : options.recording;
   OpenEbSource source(options.recording, options.serial, !options.every_event);
   recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera);
-  std::optional<io::PoseCsvWriter> output;
-  if (!options.output.empty()) output.emplace(options.output, columns);
+  auto output = options.open_output(columns);
 
-  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
-  if (options.every_event) {
-    settings.overload = live::OverloadPolicy::block;
-    settings.wait_for_detector = true;
-  }
-  const auto model_of = [&](MarkerId id) { return detector.model(id); };
-  TrackingView view(camera);
-  EventTap tap(camera.sensor_size());
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
         if (output) output->write(pose);
-        if (window) view.add(pose);
+        display.add(pose);
       },
-      settings);
+      options.camera_settings<Rule>(rule));
   source.start([&](const Metavision::EventCD* begin, const Metavision::EventCD* end) {
     pipeline.push(begin, end);
-    if (window) tap.push(begin, end);
+    display.add(begin, end);
   });
-
-  // Whatever happens: its thread uses the pipeline.
-  const struct Stop {
+  const struct Stop {  // also after an exception: the camera's thread uses the pipeline
     OpenEbSource& source;
     ~Stop() { source.stop(); }
   } stop{source};
+  stop_on_signals();
+  live::lower_priority_of_this_thread();  // drawing may wait
+  watch(
+      source, pipeline, display, [&](MarkerId id) { return detector.model(id); }, options.quiet);
 
-  for (const int signal : {SIGINT, SIGTERM})
-    std::signal(signal, [](int caught) {
-      interrupted = true;
-      std::signal(caught, SIG_DFL);  // the second one ends it at once
-    });
-  live::lower_priority_of_this_thread();  // drawing is what may wait
-  StatusLines lines;
-  while (source.running() && !interrupted && !(window && window->closed())) {
-    const live::Status status = pipeline.status();
-    if (!status.error.empty()) break;
-    const auto until = live::Clock::now() + 40ms;
-    if (window) {
-      const auto poses = pipeline.tick(std::numeric_limits<Timestamp>::min());  // as they were updated
-      window->show(view.draw(tap.frame(poses), status.events, poses, model_of, overlay_lines(status)), until);
-    } else {
-      std::this_thread::sleep_until(until);
-    }
-    if (!window && !options.quiet) lines.print_if_due(status);
-  }
   const bool ended = !source.running();
   source.stop();
   pipeline.flush();
   pipeline.stop();
   if (output) output->close();  // after a failure of the camera, too: what was tracked until then is right
   if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
-  if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and told no reason");
+  if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and gave no reason");
   std::printf("ended: %s\n", ended ? "end of the file" : interrupted ? "interrupted" : "window closed");
   print_last_line(pipeline.status());
 }
@@ -204,12 +241,9 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Tracks fiducial markers with an event camera, live, and shows them.", "track_camera");
-  CameraOptions options;
-  options.add_to(app);
-  return console::run(app, argc, argv, [&] {
-    options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-      track<Rule>(options, rule, columns);
-    });
-  });
+  return console::run<CameraOptions>(
+      "track_camera", "Tracks fiducial markers with an event camera, live, and shows them.", argc, argv,
+      [](const CameraOptions& options) {
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { track<Rule>(options, chosen...); });
+      });
 }

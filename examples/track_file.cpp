@@ -62,7 +62,7 @@ class Run {
         recording_(options.recording, {.sensor_size = camera.sensor_size()}) {
     recording_checks::require_size(recording_.sensor_size(), options.recording, camera.sensor_size(), options.camera);
     if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
-    if (!options.output.empty()) output_.emplace(options.output, columns);
+    output_ = options.open_output(columns);
   }
 
   /// @param model_of gives the model of a marker's id
@@ -121,8 +121,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
         "the body was not found: it must move to be seen; is it where --start or the file's `start` says?");
     return;
   }
-  const std::vector<Board> boards = options.load_boards();
-  BoardDetector detector(camera, opencv::ArucoDetector(camera, options.detector(boards)), boards);
+  auto detector = options.detector(camera);
   Run run(options, camera, columns);
   Tracker tracker(camera, detector, settings);
   run(
@@ -130,17 +129,12 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
       "no marker was found: it must move to be seen; is it in --dictionary and --ids?");
 }
 
-void track(const TrackFileOptions& options) {
-  options.with_rule([&]<PoseUpdateRule Rule>(const typename Rule::Settings& rule, io::PoseColumns columns) {
-    track<Rule>(options, rule, columns);
-  });
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Tracks fiducial markers in an event camera's recording.", "track_file");
-  TrackFileOptions options;
-  options.add_to(app);
-  return console::run(app, argc, argv, [&] { track(options); });
+  return console::run<TrackFileOptions>(
+      "track_file", "Tracks fiducial markers in an event camera's recording.", argc, argv,
+      [](const TrackFileOptions& options) {
+        options.with_rule([&]<PoseUpdateRule Rule>(const auto&... chosen) { track<Rule>(options, chosen...); });
+      });
 }

@@ -6,6 +6,7 @@
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/board.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -58,19 +59,28 @@ struct TrackOptions {
   template <typename Use>
   void with_rule(const Use& use) const {
     using namespace evmarker;
-    if (update == "kalman") return use.template operator()<KalmanUpdate>({}, io::PoseColumns::pose_and_motion);
+    if (update == "kalman")
+      return use.template operator()<KalmanUpdate>(KalmanUpdate::Settings{}, io::PoseColumns::pose_and_motion);
     const auto rule = update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
     use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }
 
-  std::vector<evmarker::Board> load_boards() const {
+  /// Finds the boards, and single markers if their length is given.
+  auto detector(const evmarker::PinholeCamera& of_camera) const {
     std::vector<evmarker::Board> loaded;
     for (const std::string& path : boards) loaded.push_back(evmarker::opencv::load_board(path, dictionary));
-    return loaded;
+    return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, aruco_settings(loaded)),
+                                   loaded);
   }
 
-  /// Looks for the markers of all boards, and for others only if their length is known.
-  evmarker::opencv::ArucoDetectorSettings detector(const std::vector<evmarker::Board>& loaded) const {
+  /// Where the poses are written, if they are.
+  std::optional<evmarker::io::PoseCsvWriter> open_output(evmarker::io::PoseColumns columns) const {
+    if (output.empty()) return std::nullopt;
+    return evmarker::io::PoseCsvWriter(output, columns);
+  }
+
+ private:
+  evmarker::opencv::ArucoDetectorSettings aruco_settings(const std::vector<evmarker::Board>& loaded) const {
     if (marker_length == 0 && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
     if (marker_length == 0 && !ids.empty())
       throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");

@@ -1,5 +1,5 @@
 #pragma once
-// What a tracking program tells at its end: counts, poses per marker, errors, time.
+// The summary at the end of a tracking program: counts, poses per marker, errors, time.
 #include <algorithm>
 #include <cinttypes>
 #include <cstdio>
@@ -31,7 +31,7 @@ class TrackSummary {
     compared_ += truth.has_value();
   }
 
-  /// @throws std::runtime_error where there are poses, but the truth knows none of them
+  /// @throws std::runtime_error where there are poses, but none of their markers is in the truth
   void require_compared(const std::string& truth_path) const {
     if (poses_ == 0 || compared_ > 0) return;
     std::string ids;

@@ -1,5 +1,5 @@
 #pragma once
-// The picture of a moment of tracking, the same for recordings and cameras: events, markers, rates.
+// A picture of the tracking at one moment, the same for recordings and cameras: events, markers, rates.
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
@@ -45,7 +45,7 @@ class TrackingView {
 
   /// @param events until now
   /// @param model_of gives the model of a marker's id
-  /// @param lines of text below the first one, which tells time and rate of the events
+  /// @param lines of text below the first one, which has the time and the rate of events
   template <std::ranges::input_range Poses, typename ModelOf>
   cv::Mat draw(const evmarker::PolarityFrame& frame, std::uint64_t events, const Poses& poses, const ModelOf& model_of,
                const std::vector<std::string>& lines = {}) {

@@ -27,7 +27,7 @@ struct ViewerOptions {
 
 class Viewer {
  public:
-  /// @throws std::runtime_error where what is asked for cannot be written or shown
+  /// @throws std::runtime_error where the picture or video cannot be written, or no window can be opened
   Viewer(const evmarker::PinholeCamera& camera, const ViewerOptions& options)
       : wanted_(!options.overlay.empty() || !options.video.empty() || options.show),
         period_us_(options.video.empty() && !options.show ? 1e5 : 1e6 / options.video_fps),

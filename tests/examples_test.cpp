@@ -48,6 +48,7 @@ constexpr bool kScreen = true;
 #else
 constexpr bool kScreen = false;
 #endif
+const std::filesystem::path kSource = EVMARKER_SOURCE_DIR;
 const std::string kOptions = " --camera camera.yml --marker-length 0.10";
 const char* const kPoseHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason";
@@ -555,17 +556,56 @@ TEST_CASE("examples: the paper's tracker, line by line, and the library's rule g
   CHECK(errors_of("difference").second < 0.01);
 }
 
-TEST_CASE("examples: the README's first code is quickstart.cpp") {
-  const std::filesystem::path source = EVMARKER_SOURCE_DIR;
-  const std::string readme = read_file(source / "README.md");
-  const auto begin = readme.find("```cpp\n");
-  if (begin == std::string::npos) {
-    MESSAGE("skipped: README.md has no ```cpp block");
-    return;
+namespace {
+
+/// The ```<language> blocks of a page.
+std::vector<std::string> samples(const std::string& page, const std::string& language) {
+  const std::string fence = "```", opening = fence + language + "\n", text = read_file(kSource / page);
+  std::vector<std::string> blocks;
+  for (auto at = text.find(opening); at != std::string::npos; at = text.find(opening, at)) {
+    at += opening.size();
+    const auto end = text.find(fence, at);
+    REQUIRE(end != std::string::npos);
+    blocks.push_back(text.substr(at, end - at));
+    at = end;
   }
-  const auto code = begin + 7, end = readme.find("```", code);
-  REQUIRE(end != std::string::npos);
-  CHECK(readme.substr(code, end - code) == read_file(source / "examples/quickstart.cpp"));
+  return blocks;
+}
+
+std::string without_indentation(const std::string& text) {
+  std::string lines;
+  for (const std::string& line : split(text, '\n'))
+    lines += line.substr(std::min(line.find_first_not_of(' '), line.size())) + "\n";
+  return lines;
+}
+
+}  // namespace
+
+TEST_CASE("examples: the README's C++ sample is quickstart.cpp, those of the other pages are compiled in guide.cpp") {
+  CHECK(samples("README.md", "cpp") == std::vector{read_file(kSource / "examples/quickstart.cpp")});
+  const std::string guide = without_indentation(read_file(kSource / "tests/guide.cpp"));
+  std::size_t count = 0;
+  for (const char* page : {"examples/README.md", "bench/README.md", "bench/speed.md", "include/evmarker/README.md",
+                           ".github/CONTRIBUTING.md"})
+    for (const std::string& sample : samples(page, "cpp")) {
+      CHECK_MESSAGE(contains(guide, without_indentation(sample)), page, ":\n", sample);
+      ++count;
+    }
+  CHECK(count > 0);
+}
+
+TEST_CASE("examples: the guide's board and wireframe are read by the programs") {
+  const auto files = samples("examples/README.md", "yaml");
+  REQUIRE(files.size() == 2);
+  const TemporaryFolder folder;
+  write_file(folder / "board.yml", files[0]);
+  write_file(folder / "body.yml", files[1]);
+  const Result made = run(folder, "simulate b.raw --board board.yml --duration 0.05");
+  CHECK_MESSAGE(made.code == 0, made.err);
+  for (const char* target : {"--board board.yml", "--wireframe body.yml"}) {
+    const Result tracked = run(folder, std::string("track_file b.raw --camera b.yml ") + target);
+    CHECK_MESSAGE(tracked.code == 0, tracked.err);
+  }
 }
 
 TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
