@@ -63,7 +63,7 @@ inline const std::vector<std::string> kHeader{"scenario",
                                               "strangers",
                                               "NEES/dof",
                                               "ns/event",
-                                              "looks"};
+                                              "detection"};
 
 inline std::vector<std::string> row(const Results& results, std::size_t s, std::size_t m) {
   const Verdict& v = results.all[s][m];
@@ -102,7 +102,7 @@ inline constexpr const char* kNotes =
     "was still tracked; back: longest from all in sight again to the next pose. strangers: poses of ids that are not "
     "in "
     "the scene. NEES/dof: mean squared error in units of the pose's own covariance, 1 where it is right. ns/event: "
-    "processor time without the detector's looks at the frame; looks: their share of real time (one thread: --jobs 1). "
+    "processor time without detection; detection: its share of real time (one thread: --jobs 1). "
     "Grey images are linear, 8 bit, with exposure blur and 1.5 (60 Hz) or 4 (1 kHz) levels of noise, as if there were "
     "always light "
     "enough, in `dim` too; a pose counts for "

@@ -107,7 +107,7 @@ inline Run aruco_on_polarity(const Situation& situation, const std::vector<Event
 }
 
 /// A detector on the images of a frame camera; a pose's time is the middle of the exposure.
-/// @param stride only every so-many-th image is made and looked at
+/// @param stride only every stride-th image is made and used
 template <typename Finder>
 Run run_grey(const Situation& situation, const GreySettings& settings, int stride, const Finder& finder) {
   Run run(situation.scene.markers.size());

@@ -16,7 +16,7 @@ class TrueStart {
 
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     std::vector<MarkerDetection> detections;
-    if (std::exchange(looked_, true)) return detections;
+    if (std::exchange(done_, true)) return detections;
     for (std::size_t i = 0; i < recording_->markers.size(); ++i) {
       MarkerDetection detection;
       detection.id = recording_->markers[i].id;
@@ -38,14 +38,14 @@ class TrueStart {
 
  private:
   const bench::Recording* recording_;
-  bool looked_ = false;
+  bool done_ = false;
 };
 static_assert(MarkerDetector<TrueStart>);
 
 using bench::Pushed;
 
 // The whole of `Tracker` on raw events: filter, polarity frame, history, every marker's tracking and verification;
-// looks at the frame that find nothing.
+// detections that find nothing.
 template <Pushed pushed>
 void tracker(benchmark::State& state) {
   const auto& recording = bench::recording(static_cast<int>(state.range(0)));

@@ -45,8 +45,8 @@ struct Run {
   std::vector<JudgedPose> strangers;             ///< poses of ids that are not in the scene
   std::vector<MarkerId> stranger_ids;
   std::uint64_t events = 0;
-  double track_s = 0, detect_s = 0;  ///< processor time of events and of looks at frames
-  double pose_interval_us = 0;       ///< between the frames that a frame method looks at
+  double track_s = 0, detect_s = 0;  ///< processor time of events and of detections
+  double pose_interval_us = 0;       ///< between the frames that a frame method uses
 
   explicit Run(std::size_t marker_count = 0) : markers(marker_count) {}
 

@@ -43,7 +43,7 @@ struct ReplayOptions : LiveOptions {
     app.add_option("--packet-us", packet_us, "recorded time between two deliveries of the camera")
         ->check(CLI::Range(1, 1000000))
         ->capture_default_str();
-    app.add_option("--detect-for", detect_for_s, "look for markers only in the first seconds of the recording")
+    app.add_option("--detect-for", detect_for_s, "detect markers only in the first seconds of the recording")
         ->check(console::positive_number());
     app.add_flag("--find-first", find_first,
                  "a twentieth as fast until a marker is tracked: to see an overload from then on");
@@ -178,7 +178,7 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
   print_histogram(histogram, s.push_to_pose.count);
   std::printf("waiting in the queue: p50 %.0f us, p99 %.0f us, max %.0f us\n", s.queue_wait.p50_us, s.queue_wait.p99_us,
               s.queue_wait.max_us);
-  std::printf("detection: %" PRIu64 " looks, p50 %.0f us, p99 %.0f us, max %.0f us; %" PRIu64 " events replayed\n",
+  std::printf("detection: %" PRIu64 " times, p50 %.0f us, p99 %.0f us, max %.0f us; %" PRIu64 " events replayed\n",
               s.detections, s.detection.p50_us, s.detection.p99_us, s.detection.max_us, s.replayed);
   if (s.replays_cut > 0) std::printf("replays that lacked events: %" PRIu64 "\n", s.replays_cut);
   if (s.triggers > 0) std::printf("triggers: %" PRIu64 ", %" PRIu64 " dropped\n", s.triggers, s.triggers_dropped);

@@ -448,7 +448,7 @@ TEST_CASE("examples: a board of markers is simulated and tracked as one") {
   CHECK(error.mm < 0.5);
   CHECK(error.deg < 0.5);
 
-  // With a length other markers are looked for too; there are none.
+  // With a length other markers are searched, too; there are none.
   const Result both =
       run(folder, "track_file b.raw --camera b.yml --board board.yml --marker-length 0.1 --output both.csv");
   REQUIRE_MESSAGE(both.code == 0, both.err);

@@ -55,9 +55,9 @@ inline std::vector<Event> filtered(const std::vector<Event>& events) {
 }
 
 /// Finds marker 0 where it truly is, in every frame, so that the tests of the bookkeeping rest on nothing else.
-struct KnowingDetector {
+struct TrueDetector {
   Trajectory motion;
-  std::function<void()> before = [] {};  ///< called in every look
+  std::function<void()> before = [] {};  ///< called in every detection
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
     before();
     const Eigen::Isometry3d T = motion(static_cast<double>(frame.t()) * 1e-6);
@@ -68,6 +68,6 @@ struct KnowingDetector {
   }
   MarkerModel model(MarkerId) const { return make_code_marker(kMarkerLength, code()); }
 };
-static_assert(MarkerDetector<KnowingDetector>);
+static_assert(MarkerDetector<TrueDetector>);
 
 }  // namespace evmarker::simulated

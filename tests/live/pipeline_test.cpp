@@ -18,7 +18,7 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
-using simulated::KnowingDetector;
+using simulated::TrueDetector;
 using namespace std::chrono_literals;
 using live::OverloadPolicy;
 
@@ -69,14 +69,14 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
       CAPTURE(piece);
       Settings settings = kLikeTracker;
       settings.tracker.detection_latency = latency;
-      Tracker tracker(simulated::camera, KnowingDetector{motion()}, settings.tracker);
+      Tracker tracker(simulated::camera, TrueDetector{motion()}, settings.tracker);
       std::vector<PoseEstimate> expected, poses;
       for (const Event& event : events())
         for (const PoseEstimate& pose : tracker.push(event)) expected.push_back(pose);
       REQUIRE(expected.size() > 500);
 
       live::Pipeline pipeline(
-          simulated::camera, KnowingDetector{motion()}, [&](const PoseEstimate& pose) { poses.push_back(pose); },
+          simulated::camera, TrueDetector{motion()}, [&](const PoseEstimate& pose) { poses.push_back(pose); },
           settings);
       push(pipeline, events(), piece);
       pipeline.flush();
@@ -105,7 +105,7 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
       CHECK(status.push_to_pose.count == poses.size());
       CHECK(status.push_to_pose.p50_us <= status.push_to_pose.p99_us);
       CHECK(status.push_to_pose.p99_us <= status.push_to_pose.max_us);
-      CHECK(status.detection.count + 1 >= status.detections);  // the last look may not be due for its answer
+      CHECK(status.detection.count + 1 >= status.detections);  // the last detection may not be due yet
       check_sum(status);
       REQUIRE(status.markers.size() == 1);
       CHECK(status.markers[0].id == 0);
@@ -121,7 +121,7 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
 }
 
 TEST_CASE("without events, poses are extrapolated: later ones are less certain, and age") {
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, kLikeTracker);
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, kLikeTracker);
   CHECK(pipeline.tick(0).empty());
   push(pipeline, events());
   pipeline.flush();
@@ -147,23 +147,23 @@ TEST_CASE("without events, poses are extrapolated: later ones are less certain, 
 }
 
 TEST_CASE("detection takes its time on its own thread, and no event is lost in it") {
-  std::atomic<int> looks = 0;
+  std::atomic<int> frames = 0;
   live::Pipeline pipeline(simulated::camera,
-                          KnowingDetector{motion(),
-                                          [&] {
-                                            ++looks;
-                                            std::this_thread::sleep_for(3ms);
-                                          }},
+                          TrueDetector{motion(),
+                                       [&] {
+                                         ++frames;
+                                         std::this_thread::sleep_for(3ms);
+                                       }},
                           kNoPoses, {.overload = OverloadPolicy::block, .detect_when_idle = false});
   push(pipeline, events(), 200);
   pipeline.flush();
-  // The look that found the marker may have come back after the last event: more events, until it is confirmed.
+  // The detection of the marker may have ended after the last event: more events, until it is confirmed.
   for (int i = 0; i < 200 && pipeline.status().poses == 0; ++i) {
     push(pipeline, events(), 200);
     pipeline.flush();
   }
   const live::Status status = pipeline.status();
-  CHECK(looks > 0);
+  CHECK(frames > 0);
   CHECK(status.replayed > 0);
   CHECK(status.poses > 0);
   CHECK(status.dropped == 0);
@@ -182,7 +182,7 @@ TEST_CASE("overload: each policy does what it says, drops are counted to the eve
     CAPTURE(static_cast<int>(policy));
     std::atomic<bool> slow = false;
     std::atomic<int> slow_poses = 0, late_poses = 0;
-    live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()},
+    live::Pipeline pipeline(simulated::camera, TrueDetector{motion()},
                             [&](const PoseEstimate& pose) {
                               late_poses += pose.t > 500000 && pose.quality.state == TrackingState::tracking;
                               if (!slow) return;
@@ -245,7 +245,7 @@ TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from t
     times.push_back(t);
     ticks.emplace_back(poses.begin(), poses.end());
   };
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, settings);
   push(pipeline, events());
   pipeline.flush();
   CHECK(pipeline.status().ticks == ticks.size());
@@ -255,7 +255,7 @@ TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from t
   CHECK(times.front() < 1000 + events().front().t);
   for (std::size_t i = 0; i < times.size(); ++i) CHECK(times[i] == times.front() + static_cast<Timestamp>(1000 * i));
 
-  Tracker tracker(simulated::camera, KnowingDetector{motion()}, settings.tracker);
+  Tracker tracker(simulated::camera, TrueDetector{motion()}, settings.tracker);
   for (const Event& event : events()) {
     for (; expected.size() < times.size() && event.t >= times[expected.size()];) {
       const Timestamp t = times[expected.size()];
@@ -292,7 +292,7 @@ TEST_CASE("without events, poses go on at the fixed rate by the wall clock, ever
     const std::lock_guard lock(mutex);
     ticks.insert(ticks.end(), poses.begin(), poses.end());
   };
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, settings);
   for (std::size_t i = 0; i < events().size(); i += 500) {  // in step, so that the marker is found early
     pipeline.push(events().data() + i, events().data() + std::min(i + 500, events().size()));
     pipeline.flush();
@@ -338,7 +338,7 @@ TEST_CASE("trigger events come out as they went in, in their place among the pos
       if (seen.size() == 3) throw std::runtime_error("no third trigger");
     };
     live::Pipeline pipeline(
-        simulated::camera, KnowingDetector{motion()},
+        simulated::camera, TrueDetector{motion()},
         [&](const PoseEstimate& pose) {
           ++poses;
           early += !seen.empty() && pose.t < seen.back().t;
@@ -392,7 +392,7 @@ TEST_CASE("trigger events survive events that are dropped, and too many are drop
   CHECK(taken == 4096);
 }
 
-TEST_CASE("every event from a look to its answer is replayed, and a replay that lacks some is told") {
+TEST_CASE("every event during a detection is replayed, and a replay that lacks some is counted") {
   // Every event at a time of its own, so that the frame's time tells which are in it.
   static const std::vector<Event> timed = [] {
     std::vector<Event> made = events();
@@ -401,11 +401,11 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
     return made;
   }();
   struct PatientDetector {
-    KnowingDetector knowing{motion()};
-    std::atomic<Timestamp>* first_look;
+    TrueDetector knowing{motion()};
+    std::atomic<Timestamp>* first_frame;
     std::atomic<bool>* released;
     std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
-      if (*first_look == 0) *first_look = frame.t();
+      if (*first_frame == 0) *first_frame = frame.t();
       while (!*released) std::this_thread::sleep_for(1ms);
       return knowing.detect(frame);
     }
@@ -414,20 +414,20 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
   const std::size_t pushed = 6000;
   for (const std::size_t history : {1u << 18, 4096u}) {
     CAPTURE(history);
-    std::atomic<Timestamp> first_look = 0;
+    std::atomic<Timestamp> first_frame = 0;
     std::atomic<bool> released = false;
     Settings settings{.overload = OverloadPolicy::block, .detect_when_idle = false};
     settings.tracker.history_events = history;
-    live::Pipeline pipeline(simulated::camera, PatientDetector{.first_look = &first_look, .released = &released},
+    live::Pipeline pipeline(simulated::camera, PatientDetector{.first_frame = &first_frame, .released = &released},
                             kNoPoses, settings, AcceptAll{});
     pipeline.push(timed.data(), timed.data() + pushed);
     pipeline.flush();
     CHECK(pipeline.status().replayed == 0);
-    for (int i = 0; i < 30000 && first_look == 0; ++i) std::this_thread::sleep_for(1ms);  // the detector has it
-    REQUIRE(first_look != 0);
+    for (int i = 0; i < 30000 && first_frame == 0; ++i) std::this_thread::sleep_for(1ms);  // the detector has it
+    REQUIRE(first_frame != 0);
     released = true;
     const auto since = static_cast<std::uint64_t>(std::ranges::count_if(
-        timed.begin(), timed.begin() + pushed, [&](const Event& event) { return event.t > first_look; }));
+        timed.begin(), timed.begin() + pushed, [&](const Event& event) { return event.t > first_frame; }));
     REQUIRE(since > 5000);
     const std::uint64_t expected = std::min<std::uint64_t>(since, history);  // some at a time, while no events come
     for (int i = 0; i < 30000 && pipeline.status().replayed < expected; ++i) std::this_thread::sleep_for(1ms);
@@ -443,8 +443,8 @@ TEST_CASE("every event from a look to its answer is replayed, and a replay that 
   }
 }
 
-TEST_CASE("looks that may wait for a free processor are answered, too") {
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, {.overload = OverloadPolicy::block});
+TEST_CASE("detections that may wait for a free processor end, too") {
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, {.overload = OverloadPolicy::block});
   for (std::size_t i = 0; i < events().size(); i += 500) {
     pipeline.push(events().data() + i, events().data() + std::min(i + 500, events().size()));
     pipeline.flush();
@@ -476,7 +476,7 @@ TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to t
     CAPTURE(static_cast<int>(policy));
     constexpr std::size_t kQueue = 1 << 14;
     std::atomic<int> in_flood = 0, near = 0, off = 0;
-    live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()},
+    live::Pipeline pipeline(simulated::camera, TrueDetector{motion()},
                             [&](const PoseEstimate& pose) {
                               if (pose.quality.state != TrackingState::tracking) return;
                               in_flood += pose.t >= kFlood && pose.t < kCalm;
@@ -569,7 +569,7 @@ TEST_CASE("what the callback and the detector throw is counted, told and thrown 
   int poses = 0;
   {
     live::Pipeline pipeline(
-        simulated::camera, KnowingDetector{motion()},
+        simulated::camera, TrueDetector{motion()},
         [&](const PoseEstimate&) {
           if (++poses % 2 == 0) throw std::runtime_error("no even poses");
         },
@@ -583,12 +583,12 @@ TEST_CASE("what the callback and the detector throw is counted, told and thrown 
     CHECK_THROWS_WITH(pipeline.stop(), "no even poses");
     CHECK_NOTHROW(pipeline.stop());
   }
-  std::atomic<int> looks = 0;
+  std::atomic<int> frames = 0;
   live::Pipeline pipeline(simulated::camera,
-                          KnowingDetector{motion(),
-                                          [&] {
-                                            if (++looks <= 3) throw 42;
-                                          }},
+                          TrueDetector{motion(),
+                                       [&] {
+                                         if (++frames <= 3) throw 42;
+                                       }},
                           kNoPoses, kLikeTracker);
   push(pipeline, events());
   pipeline.flush();
@@ -602,7 +602,7 @@ TEST_CASE("what the callback and the detector throw is counted, told and thrown 
 TEST_CASE("stop drops what is left and counts it, start begins anew") {
   std::vector<std::size_t> poses;
   live::Pipeline pipeline(
-      simulated::camera, KnowingDetector{motion()}, [&](const PoseEstimate&) { ++poses.back(); }, kLikeTracker);
+      simulated::camera, TrueDetector{motion()}, [&](const PoseEstimate&) { ++poses.back(); }, kLikeTracker);
   for (int round = 0; round < 3; ++round) {
     poses.push_back(0);
     pipeline.start();  // the first time it runs already
@@ -625,7 +625,7 @@ TEST_CASE("stop drops what is left and counts it, start begins anew") {
 TEST_CASE("stop returns while a camera pushes, however full the queue and however slow the callback") {
   for (const auto policy : {OverloadPolicy::block, OverloadPolicy::drop_oldest, OverloadPolicy::thin}) {
     CAPTURE(static_cast<int>(policy));
-    live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()},
+    live::Pipeline pipeline(simulated::camera, TrueDetector{motion()},
                             [](const PoseEstimate&) { std::this_thread::sleep_for(5ms); },
                             {.overload = policy, .queue_events = 4096, .wait_for_detector = true});
     std::atomic<bool> stopped = false;
@@ -654,7 +654,7 @@ TEST_CASE("stop returns while a camera pushes, however full the queue and howeve
 }
 
 TEST_CASE("a camera that is restarted, and one that pauses, are noticed and survived") {
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, kLikeTracker);
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, kLikeTracker);
   push(pipeline, events());
   pipeline.flush();
   const auto first = pipeline.status();
@@ -687,7 +687,7 @@ TEST_CASE("single events with wrong times change neither poses nor ticks") {
       CHECK(t <= events.back().t);
     };
     live::Pipeline pipeline(
-        simulated::camera, KnowingDetector{motion()}, [&](const PoseEstimate& pose) { result.poses.push_back(pose); },
+        simulated::camera, TrueDetector{motion()}, [&](const PoseEstimate& pose) { result.poses.push_back(pose); },
         settings);
     push(pipeline, events, piece);
     pipeline.flush();
@@ -719,7 +719,7 @@ TEST_CASE("single events with wrong times change neither poses nor ticks") {
 }
 
 TEST_CASE("without detection no marker is found, those that are tracked stay") {
-  live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, kLikeTracker);
+  live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, kLikeTracker);
   pipeline.set_detection(false);
   push(pipeline, events());
   pipeline.flush();
@@ -731,7 +731,7 @@ TEST_CASE("without detection no marker is found, those that are tracked stay") {
   CHECK(pipeline.status().poses > 300);
 }
 
-TEST_CASE("the detector gets the frame of all events until its look, however many there were since the last one") {
+TEST_CASE("the detector gets the frame of all events before, however many there were since the last one") {
   // Event i at time i, so that the frame's time tells which events are in it.
   static const std::vector<Event> timed = [] {
     std::vector<Event> numbered = events();
@@ -740,13 +740,13 @@ TEST_CASE("the detector gets the frame of all events until its look, however man
     return numbered;
   }();
   struct ComparingDetector {
-    std::atomic<int>* looks;
+    std::atomic<int>* frames;
     std::atomic<int>* different;
     PolarityFrame expected{simulated::camera.sensor_size()};
     std::size_t next = 0;
     std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
       while (next <= static_cast<std::size_t>(frame.t())) expected.update(timed[next++]);
-      ++*looks;
+      ++*frames;
       *different += !std::ranges::equal(frame.pixels(), expected.pixels()) ||
                     !std::ranges::equal(frame.times(), expected.times());
       return {};
@@ -756,16 +756,16 @@ TEST_CASE("the detector gets the frame of all events until its look, however man
   for (const bool wait : {true, false})
     for (const std::size_t kept : {64u, 1u << 18}) {
       CAPTURE(kept);
-      std::atomic<int> looks = 0, different = 0;
+      std::atomic<int> frames = 0, different = 0;
       Settings settings = kLikeTracker;
       settings.wait_for_detector = wait;
       settings.tracker.history_events = kept;
-      live::Pipeline pipeline(simulated::camera, ComparingDetector{.looks = &looks, .different = &different}, kNoPoses,
-                              settings, AcceptAll{});
+      live::Pipeline pipeline(simulated::camera, ComparingDetector{.frames = &frames, .different = &different},
+                              kNoPoses, settings, AcceptAll{});
       push(pipeline, timed, 100);
       pipeline.flush();
       pipeline.stop();
-      CHECK(looks > (wait ? 10 : 1));
+      CHECK(frames > (wait ? 10 : 1));
       CHECK(different == 0);
     }
 }
@@ -793,7 +793,7 @@ TEST_CASE("latency percentiles agree with sorting") {
 
 TEST_CASE("settings out of range are named") {
   const auto make = [](const Settings& settings) {
-    live::Pipeline pipeline(simulated::camera, KnowingDetector{motion()}, kNoPoses, settings);
+    live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, settings);
   };
   CHECK_THROWS_WITH(make({.queue_events = 100}), doctest::Contains("queue_events is 100"));
   CHECK_THROWS_WITH(make({.tick_interval = -5us}), doctest::Contains("tick_interval [us] is -5"));

@@ -98,7 +98,7 @@ void tell(const std::string& what, const AccuracyMeter& meter) {
                << meter.translation_mm().max << " mm, " << meter.tracking() << " poses, lost " << meter.lost());
 }
 
-// A detector that finds what it is told.
+// A detector that finds what it is reported.
 struct ToldDetector {
   double length;
   std::vector<MarkerDetection> found;
@@ -256,7 +256,7 @@ TEST_CASE("detections of a board's markers become one of the board, others pass"
   REQUIRE(scaled.size() == 1);
   CHECK(scaled[0].T_camera_marker.isApprox(truth, 1e-12));
 
-  // One marker alone leaves its two poses; with a second the mirrored ones do not fit, though both are told first.
+  // One marker alone leaves its two poses; with a second the mirrored ones do not fit, though both are reported first.
   MarkerDetection first = detection(1, mirrored(at(0))), second = detection(4, mirrored(at(3)));
   first.T_camera_marker_alternative = at(0);
   second.T_camera_marker_alternative = at(3);
@@ -294,11 +294,11 @@ TEST_CASE(
   const PolarityFrame frame({640, 480});
   std::vector<MarkerDetection> seen;
   for (const BoardMarker& m : plate().markers) seen.push_back(detection(m.id, truth * m.T_board_marker));
-  std::vector<BoardContradiction> told;
+  std::vector<BoardContradiction> reported;
   const auto detector_of = [&](const Board& file) {
-    told.clear();
+    reported.clear();
     return BoardDetector(simulated::camera, ToldDetector{0.04, seen}, {file},
-                         [&](const BoardContradiction& contradiction) { told.push_back(contradiction); });
+                         [&](const BoardContradiction& contradiction) { reported.push_back(contradiction); });
   };
   Board turned = plate(), stretched = plate(), renumbered = plate();
   for (BoardMarker& m : turned.markers) m.T_board_marker.translation() *= -1;
@@ -306,20 +306,20 @@ TEST_CASE(
   std::swap(renumbered.markers[0].id, renumbered.markers[1].id);
   for (const Board& wrong : {turned, stretched, renumbered}) {
     auto detector = detector_of(wrong);
-    for (int look = 0; look < 10; ++look) CHECK(detector.detect(frame).empty());
-    REQUIRE(told.size() == 1);
-    CHECK(told[0].board == kBoard);
-    CHECK((told[0].seen - told[0].in_file).norm() > 0.01);
+    for (int frame_number = 0; frame_number < 10; ++frame_number) CHECK(detector.detect(frame).empty());
+    REQUIRE(reported.size() == 1);
+    CHECK(reported[0].board == kBoard);
+    CHECK((reported[0].seen - reported[0].in_file).norm() > 0.01);
     const auto place = [&](const Board& board, MarkerId id) {
       return Vector3d(std::ranges::find(board.markers, id, &BoardMarker::id)->T_board_marker.translation());
     };
-    CHECK((told[0].seen - (place(plate(), told[0].other) - place(plate(), told[0].marker))).norm() < 1e-9);
-    CHECK((told[0].in_file - (place(wrong, told[0].other) - place(wrong, told[0].marker))).norm() < 1e-9);
-    CHECK(told[0].message().find("board 100 does not fit its file: marker ") == 0);
+    CHECK((reported[0].seen - (place(plate(), reported[0].other) - place(plate(), reported[0].marker))).norm() < 1e-9);
+    CHECK((reported[0].in_file - (place(wrong, reported[0].other) - place(wrong, reported[0].marker))).norm() < 1e-9);
+    CHECK(reported[0].message().find("board 100 does not fit its file: marker ") == 0);
   }
   auto detector = detector_of(plate());
-  for (int look = 0; look < 10; ++look) CHECK(detector.detect(frame).size() == 1);
-  CHECK(told.empty());
+  for (int frame_number = 0; frame_number < 10; ++frame_number) CHECK(detector.detect(frame).size() == 1);
+  CHECK(reported.empty());
 }
 
 TEST_CASE("one marker cannot contradict its board, but is not enough once others have") {
@@ -327,26 +327,26 @@ TEST_CASE("one marker cannot contradict its board, but is not enough once others
   for (BoardMarker& m : turned.markers) m.T_board_marker.translation() *= -1;
   // Sees one marker, then three times two, then one.
   struct {
-    int* look;
+    int* frame_number;
     std::vector<MarkerDetection> detect(const PolarityFrame&) const {
       const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2});
       std::vector<MarkerDetection> seen;
       for (const BoardMarker& m : plate().markers) seen.push_back(detection(m.id, truth * m.T_board_marker));
-      seen.resize(*look > 0 && *look < 4 ? 2 : 1);
+      seen.resize(*frame_number > 0 && *frame_number < 4 ? 2 : 1);
       return seen;
     }
     MarkerModel model(MarkerId id) const { return make_code_marker(0.04, opencv::marker_bits(kDictionary, id)); }
   } one_then_two;
-  int look = 0, told = 0;
-  one_then_two.look = &look;
-  BoardDetector detector(simulated::camera, one_then_two, {turned}, [&](const BoardContradiction&) { ++told; });
+  int frame_number = 0, reported = 0;
+  one_then_two.frame_number = &frame_number;
+  BoardDetector detector(simulated::camera, one_then_two, {turned}, [&](const BoardContradiction&) { ++reported; });
   const PolarityFrame frame({640, 480});
   CHECK(detector.detect(frame).size() == 1);
-  for (look = 1; look < 6; ++look) CHECK(detector.detect(frame).empty());
-  CHECK(told == 1);
+  for (frame_number = 1; frame_number < 6; ++frame_number) CHECK(detector.detect(frame).empty());
+  CHECK(reported == 1);
 }
 
-TEST_CASE("looks that contradict now and then do not refuse a board, three more than agree do, and it may come back") {
+TEST_CASE("frames that contradict now and then do not refuse a board, three more than agree do, and it may come back") {
   BoardCheck check;
   for (int i = 0; i < 60; ++i) {
     check.add(i % 3 == 0);
@@ -366,11 +366,11 @@ TEST_CASE("looks that contradict now and then do not refuse a board, three more 
 }
 
 TEST_CASE("a board detector knows boards and markers by their ids, and refuses boards that share one") {
-  const ToldDetector told{0.04, {}};
-  const auto opened = [&](std::vector<Board> boards) { return BoardDetector(simulated::camera, told, boards); };
+  const ToldDetector reported{0.04, {}};
+  const auto opened = [&](std::vector<Board> boards) { return BoardDetector(simulated::camera, reported, boards); };
   BoardDetector detector = opened({plate()});
   CHECK(detector.model(kBoard).segments.size() == make_board_model(plate()).segments.size());
-  CHECK(detector.model(7).segments.size() == ToldDetector(told).model(7).segments.size());
+  CHECK(detector.model(7).segments.size() == ToldDetector(reported).model(7).segments.size());
   Board other = corner();
   CHECK_THROWS_WITH_AS(opened({plate(), other}), "board 100 is there twice", std::invalid_argument);
   other.id = 101;

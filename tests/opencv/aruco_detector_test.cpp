@@ -77,7 +77,7 @@ struct Lens {
   }
 };
 
-// What the frame looks like once every edge of a marker on a white card has swept the whole of it; the surroundings
+// What the frame frames like once every edge of a marker on a white card has swept the whole of it; the surroundings
 // have seen nothing. `band_px` > 0: swept only so near to an edge.
 void print(PolarityFrame& frame, const Lens& lens, const CodeBits& bits, double length, const Eigen::Isometry3d& T,
            double band_px = 0) {
@@ -350,7 +350,7 @@ TEST_CASE("settings that make no sense are named with their value") {
 }
 
 TEST_CASE("simulated hand-held recordings: found early, in the right place, and no other id") {
-  int looks = 0, found = 0;
+  int frames = 0, found = 0;
   for (const std::uint64_t seed : {1u, 2u, 3u}) {
     ArucoDetector detector(kCamera, {.marker_length = 0.10});
     const MarkerId id = static_cast<MarkerId>(7 * seed);
@@ -361,13 +361,13 @@ TEST_CASE("simulated hand-held recordings: found early, in the right place, and 
     Simulator simulator(kCamera, {marker}, {.duration_s = 0.6, .seed = seed});
     SpatiotemporalFilter filter(kSize, std::chrono::microseconds(2000));
     PolarityFrame frame(kSize);
-    Timestamp next_look = 20000, first = -1;
+    Timestamp next_frame = 20000, first = -1;
     std::vector<double> errors_mm, errors_deg;
     for_each_event(simulator, [&](const Event& event) {
-      if (event.t >= next_look) {
-        next_look += 20000;
+      if (event.t >= next_frame) {
+        next_frame += 20000;
         const auto detections = detector.detect(frame);
-        if (first >= 0) ++looks, found += !detections.empty();
+        if (first >= 0) ++frames, found += !detections.empty();
         for (const auto& detection : detections) {
           CHECK(detection.id == id);
           if (first < 0) first = event.t;
@@ -386,6 +386,6 @@ TEST_CASE("simulated hand-held recordings: found early, in the right place, and 
     CHECK(errors_mm[errors_mm.size() / 2] < 6);
     CHECK(errors_deg[errors_deg.size() / 2] < 2.5);
   }
-  REQUIRE(looks > 30);
-  CHECK(found > 0.8 * looks);
+  REQUIRE(frames > 30);
+  CHECK(found > 0.8 * frames);
 }

@@ -293,7 +293,7 @@ TEST_CASE("a texture has neither a marker's cells nor its edges") {
       const Eigen::Isometry3d T = fit ? fit->T_camera_marker : kPose;
       best_agreement = std::max(best_agreement, read_code(kCamera, frame, bits(kCode), kLength, T).agreement);
     }
-  CHECK(best_agreement > 0.2);  // it was looked at
+  CHECK(best_agreement > 0.2);  // it was compared
   CHECK(best_agreement < 0.7);
   CHECK(best_support < 0.7);
 }

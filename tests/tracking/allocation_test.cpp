@@ -91,14 +91,14 @@ const Recording& recording() {
   return recording;
 }
 
-// Finds the marker at its first look, wherever it is then.
-struct FirstLook {
-  bool looked = false;
-  std::size_t* looks;
+// Finds the marker in its first frame, wherever it is then.
+struct FirstFrame {
+  bool detected = false;
+  std::size_t* frames;
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
-    ++*looks;
+    ++*frames;
     std::vector<MarkerDetection> detections;
-    if (std::exchange(looked, true)) return detections;
+    if (std::exchange(detected, true)) return detections;
     MarkerDetection detection;
     detection.id = 7;
     detection.t = frame.t();
@@ -163,27 +163,27 @@ TEST_CASE_TEMPLATE("a million events through a marker's tracker, verification in
   }
 }
 
-TEST_CASE("a million events through the tracker of all markers without an allocation between its looks") {
+TEST_CASE("a million events through the tracker of all markers without an allocation between detections") {
   constexpr std::chrono::microseconds kLatency{3000};
-  std::size_t pushed = 0, poses = 0, looks = 0;
+  std::size_t pushed = 0, poses = 0, frames = 0;
   while (pushed < kEvents) {
-    Tracker<FirstLook> tracker(simulated::camera, FirstLook{.looks = &looks},
-                               {.detection_latency = kLatency, .detections_to_confirm = 1});
-    std::size_t before = 0, allocating_pushes = 0, looks_seen = looks, settled_poses = 0;
-    std::optional<Timestamp> first_look;
-    bool answered = false;
+    Tracker<FirstFrame> tracker(simulated::camera, FirstFrame{.frames = &frames},
+                                {.detection_latency = kLatency, .detections_to_confirm = 1});
+    std::size_t before = 0, allocating_pushes = 0, frames_seen = frames, settled_poses = 0;
+    std::optional<Timestamp> first_frame;
+    bool registered = false;
     for (const Event& event : recording().events) {
       const Count count;
       const std::span<const PoseEstimate> found = tracker.push(event);
       ++pushed;
       poses += found.size();
-      const bool looked = looks != std::exchange(looks_seen, looks);
+      const bool detected = frames != std::exchange(frames_seen, frames);
       const std::size_t tracked = tracker.statistics().registered;
       const bool began = tracked != std::exchange(before, tracked);
-      if (looked && !first_look) first_look = event.t;
-      const bool answers = !answered && first_look && event.t >= *first_look + kLatency.count();
-      answered = answered || answers;
-      if (!looked && !answers && !began) {
+      if (detected && !first_frame) first_frame = event.t;
+      const bool registers = !registered && first_frame && event.t >= *first_frame + kLatency.count();
+      registered = registered || registers;
+      if (!detected && !registers && !began) {
         allocating_pushes += count.taken() > 0 || count.given_back() > 0;
         settled_poses += found.size();
       }
@@ -192,28 +192,28 @@ TEST_CASE("a million events through the tracker of all markers without an alloca
     CHECK(allocating_pushes == 0);
     CHECK(settled_poses > 500);
   }
-  CHECK(looks > 30);
+  CHECK(frames > 30);
   CHECK(poses > 1000);
 }
 
-TEST_CASE("events that come together are tracked without an allocation between looks, too") {
+TEST_CASE("events that come together are tracked without an allocation between detections, too") {
   constexpr std::chrono::microseconds kLatency{3000};
-  std::size_t looks = 0, poses = 0, batches = 0, allocating = 0;
-  Tracker<FirstLook> tracker(simulated::camera, FirstLook{.looks = &looks},
-                             {.detection_latency = kLatency, .detections_to_confirm = 1});
+  std::size_t frames = 0, poses = 0, batches = 0, allocating = 0;
+  Tracker<FirstFrame> tracker(simulated::camera, FirstFrame{.frames = &frames},
+                              {.detection_latency = kLatency, .detections_to_confirm = 1});
   const auto& events = recording().events;
-  std::optional<Timestamp> first_look;
+  std::optional<Timestamp> first_frame;
   for (std::size_t i = 0; i < events.size(); i += 100) {
     const auto batch = std::span(events).subspan(i, std::min<std::size_t>(100, events.size() - i));
-    const std::size_t looks_before = looks, registered_before = tracker.statistics().registered;
+    const std::size_t frames_before = frames, registered_before = tracker.statistics().registered;
     std::size_t told = 0;
     const Count count;
     tracker.push(batch, [&](const PoseEstimate&) { ++told; });
     const std::size_t taken = count.taken() + count.given_back();
     poses += told;
-    if (looks != looks_before) first_look = first_look.value_or(batch.back().t);
-    const bool answered = first_look && batch.front().t > *first_look + kLatency.count();
-    if (looks != looks_before || tracker.statistics().registered != registered_before || !answered) continue;
+    if (frames != frames_before) first_frame = first_frame.value_or(batch.back().t);
+    const bool registered = first_frame && batch.front().t > *first_frame + kLatency.count();
+    if (frames != frames_before || tracker.statistics().registered != registered_before || !registered) continue;
     ++batches;
     allocating += taken > 0;
   }

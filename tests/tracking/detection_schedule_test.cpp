@@ -40,7 +40,7 @@ TEST_CASE("detections begin at their interval, one at a time, and only after eno
   CHECK(schedule.due(20000, false));
 }
 
-TEST_CASE("where one marker was found, others are looked for as often for a while") {
+TEST_CASE("where one marker was found, others are searched as often for a while") {
   DetectionSchedule schedule(settings);
   pass_events(schedule, 10);
   schedule.begin(50000);

@@ -135,7 +135,7 @@ TEST_CASE("between and after events, the pose goes on with its velocity and its 
   CHECK(pose_error(then.T_camera_marker, truth).translation_mm < 0.3 * moved);
   CHECK(then.covariance->trace() > now.covariance->trace());
   CHECK(tracker.pose_at(later + 100000).covariance->trace() > then.covariance->trace());
-  CHECK(tracker.estimate().T_camera_marker.matrix() == now.T_camera_marker.matrix());  // a look changes nothing
+  CHECK(tracker.estimate().T_camera_marker.matrix() == now.T_camera_marker.matrix());  // estimating changes nothing
 }
 
 TEST_CASE("a copy goes on independently and alike") {

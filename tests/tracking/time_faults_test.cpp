@@ -11,7 +11,7 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
-using simulated::KnowingDetector;
+using simulated::TrueDetector;
 
 namespace {
 
@@ -29,7 +29,7 @@ const std::vector<Event>& events() {
 // Two markers at once: one detector's answer for both, at the same place.
 struct TwoMarkers {
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
-    auto found = KnowingDetector{motion()}.detect(frame);
+    auto found = TrueDetector{motion()}.detect(frame);
     found.push_back(found.front());
     found.back().id = 1;
     return found;
@@ -125,7 +125,7 @@ TEST_CASE("a single wrong time changes nothing in the tracker of many markers") 
     CAPTURE(n);
     TrackerSettings<> settings;
     settings.marker.events_per_update = n;
-    check_single_faults([&] { return Tracker(simulated::camera, KnowingDetector{motion()}, settings); },
+    check_single_faults([&] { return Tracker(simulated::camera, TrueDetector{motion()}, settings); },
                         static_cast<std::size_t>(3000 / n));
   }
 }
@@ -152,7 +152,7 @@ TEST_CASE("a jump of the clock that lasts is followed, one by one as in ranges")
       CAPTURE(by);
       auto jumping = events();
       for (std::size_t i = jumping.size() / 2; i < jumping.size(); ++i) jumping[i].t += by;
-      Tracker one(simulated::camera, KnowingDetector{motion()}), many = one;
+      Tracker one(simulated::camera, TrueDetector{motion()}), many = one;
       const auto poses = one_by_one(one, jumping);
       require_same(in_ranges(many, jumping, 777), poses);
       CHECK(one.statistics().time_faults == 0);
@@ -168,7 +168,7 @@ TEST_CASE("events that come one in a millisecond each wait for the next one, and
   for (std::size_t i = 0; i < sparse.size(); ++i) sparse[i].t = static_cast<Timestamp>(1000 * i);
   TrackerSettings<> settings;
   settings.filter_window = std::chrono::milliseconds(50);
-  Tracker one(simulated::camera, KnowingDetector{trajectory::still(motion()(0.03))}, settings), many = one;
+  Tracker one(simulated::camera, TrueDetector{trajectory::still(motion()(0.03))}, settings), many = one;
   const auto poses = one_by_one(one, sparse);
   require_same(in_ranges(many, sparse, 100), poses);
   CHECK(one.statistics().events == sparse.size());

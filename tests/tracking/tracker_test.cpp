@@ -17,7 +17,7 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
-using simulated::KnowingDetector;
+using simulated::TrueDetector;
 using namespace std::chrono_literals;
 
 namespace {
@@ -28,13 +28,13 @@ opencv::ArucoDetector<PinholeCamera> aruco() {
   return {simulated::camera, {.dictionary = "DICT_4X4_50", .marker_length = simulated::kMarkerLength}};
 }
 
-// Knows where all markers are, at every look.
+// Has the true poses of all markers, in every frame.
 struct AllKnowing {
   std::vector<Trajectory> motions;
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     std::vector<MarkerDetection> detections;
     for (std::size_t i = 0; i < motions.size(); ++i) {
-      auto detection = KnowingDetector{motions[i]}.detect(frame).front();
+      auto detection = TrueDetector{motions[i]}.detect(frame).front();
       detection.id = static_cast<MarkerId>(i);
       detections.push_back(detection);
     }
@@ -112,7 +112,7 @@ TEST_CASE("a marker that is hidden for 200 ms is reported lost and found again")
 TEST_CASE("the same events give the same poses, bit for bit") {
   const Trajectory motion = simulated::near_motion(54);
   const auto events = simulated::near_events(motion, 0.3, 54);
-  Tracker first(simulated::camera, KnowingDetector{motion}), second(simulated::camera, KnowingDetector{motion});
+  Tracker first(simulated::camera, TrueDetector{motion}), second(simulated::camera, TrueDetector{motion});
   const auto a = track(first, events), b = track(second, events);
   REQUIRE(a.size() > 500);
   REQUIRE(a.size() == b.size());
@@ -234,13 +234,13 @@ TEST_CASE("where markers meet, events that come together give the same poses, bi
 TEST_CASE("the events between a frame and its registration are replayed, and none is lost") {
   const Trajectory motion = simulated::near_motion(55);
   const auto events = simulated::near_events(motion, 0.3, 55);
-  Tracker at_once(simulated::camera, KnowingDetector{motion});
-  Tracker late(simulated::camera, KnowingDetector{motion}, {.detection_latency = std::chrono::milliseconds(7)});
+  Tracker at_once(simulated::camera, TrueDetector{motion});
+  Tracker late(simulated::camera, TrueDetector{motion}, {.detection_latency = std::chrono::milliseconds(7)});
   const auto a = track(at_once, events), b = track(late, events);
   REQUIRE(a.size() > 500);
   CHECK(at_once.statistics().replayed == 0);
   CHECK(late.statistics().replayed > 500);
-  // A look is only due when the last one has been registered, so that the second look may be later; from there on, a
+  // A detection is due only when the last one has been registered, so that the second may be later; from there on, a
   // tracker started late has seen the same events as one started at once.
   const auto same_start = std::ranges::find(b.begin(), b.end(), a.front().t, &PoseEstimate::t);
   if (same_start == b.begin()) {
@@ -257,12 +257,12 @@ TEST_CASE("the events between a frame and its registration are replayed, and non
 TEST_CASE("a detection must be confirmed, an id is tracked once, and a full house takes no more") {
   const Trajectory motion = simulated::near_motion(56);
   const auto events = simulated::near_events(motion, 0.2, 56);
-  Tracker eager(simulated::camera, KnowingDetector{motion}, {.detections_to_confirm = 1});
-  Tracker careful(simulated::camera, KnowingDetector{motion}, {.detections_to_confirm = 5});
+  Tracker eager(simulated::camera, TrueDetector{motion}, {.detections_to_confirm = 1});
+  Tracker careful(simulated::camera, TrueDetector{motion}, {.detections_to_confirm = 5});
   const auto a = track(eager, events), b = track(careful, events);
   REQUIRE(!a.empty());
   REQUIRE(!b.empty());
-  CHECK(b.front().t - a.front().t > 19000);  // four looks of 5 ms
+  CHECK(b.front().t - a.front().t > 19000);  // four detections, 5 ms apart
   CHECK(eager.statistics().registered == 1);
   CHECK(eager.markers().size() == 1);
 }
@@ -311,7 +311,7 @@ TEST_CASE("a marker that was moved while the camera was restarted is found where
   };
   auto events = record(before, 0.1);
   for (Event& event : events) event.t += static_cast<Timestamp>(1e6 * kStart_s);
-  Tracker tracker(simulated::camera, KnowingDetector{motion}, {.detections_to_confirm = 1});
+  Tracker tracker(simulated::camera, TrueDetector{motion}, {.detections_to_confirm = 1});
   REQUIRE(track(tracker, events).size() > 50);
   AccuracyMeter meter;
   for (const PoseEstimate& pose : track(tracker, record(after, 0.2)))
@@ -329,7 +329,7 @@ TEST_CASE("after missing events, what was found before them is not followed") {
     CAPTURE(missing);
     TrackerSettings<> settings{.detection_latency = 15ms, .detections_to_confirm = 1};
     TrackerCore<> core(simulated::camera, settings, SpatiotemporalFilter(simulated::camera.sensor_size()));
-    const KnowingDetector detector{motion};
+    const TrueDetector detector{motion};
     std::optional<DetectionResult> result;  // of the first detection, 5 ms before events are missing
     bool skipped = false;
     const auto use = [](const PoseEstimate&) {};
@@ -358,7 +358,7 @@ TEST_CASE("events off the sensor and steps back in time are counted and survived
   const auto undisturbed = events;
   events.insert(events.begin() + 1000, Event{640, 0, 1, events[1000].t});
   events.insert(events.begin() + 2000, Event{0, 480, 0, events[2000].t});
-  Tracker tracker(simulated::camera, KnowingDetector{motion}), reference(simulated::camera, KnowingDetector{motion});
+  Tracker tracker(simulated::camera, TrueDetector{motion}), reference(simulated::camera, TrueDetector{motion});
   const auto poses = track(tracker, events);
   REQUIRE(poses.size() > 300);
   CHECK(poses.size() == track(reference, undisturbed).size());
@@ -374,8 +374,7 @@ TEST_CASE("events off the sensor and steps back in time are counted and survived
 TEST_CASE("times at the ends of their range do no harm") {
   const Trajectory motion = simulated::near_motion(61);
   const auto events = simulated::near_events(motion, 0.1, 61);
-  Tracker tracker(simulated::camera, KnowingDetector{motion}, TrackerSettings<>{.detections_to_confirm = 1},
-                  AcceptAll{});
+  Tracker tracker(simulated::camera, TrueDetector{motion}, TrackerSettings<>{.detections_to_confirm = 1}, AcceptAll{});
   REQUIRE(!track(tracker, events).empty());
   int poses = 0;
   constexpr auto kFirst = std::numeric_limits<Timestamp>::min(), kLast = std::numeric_limits<Timestamp>::max();
@@ -486,11 +485,11 @@ Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T) {
 
 TEST_CASE("a marker that was found at the mirrored tilt, for sure, is not announced there") {
   // As behind something that just leaves it: once. It is followed there, for its image is nearly the same.
-  struct MistakenOnce : KnowingDetector {
-    int looks = 0;
+  struct MistakenOnce : TrueDetector {
+    int frames = 0;
     std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
-      auto found = KnowingDetector::detect(frame);
-      if (++looks == 1) found[0].T_camera_marker = mirrored(found[0].T_camera_marker);
+      auto found = TrueDetector::detect(frame);
+      if (++frames == 1) found[0].T_camera_marker = mirrored(found[0].T_camera_marker);
       return found;
     }
   };
@@ -505,7 +504,7 @@ TEST_CASE("a marker that was found at the mirrored tilt, for sure, is not announ
 
 TEST_CASE("of a planar marker's two poses, the events choose the right one") {
   struct MistakenDetector {  // takes the mirrored pose for the likelier one
-    KnowingDetector knowing;
+    TrueDetector knowing;
     std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
       auto found = knowing.detect(frame);
       found[0].T_camera_marker_alternative = found[0].T_camera_marker;
@@ -531,7 +530,7 @@ TEST_CASE("of a planar marker's two poses, the events choose the right one") {
 
 TEST_CASE("settings out of range are named") {
   const auto make = [](const TrackerSettings<>& settings) {
-    return Tracker(simulated::camera, KnowingDetector{trajectory::still(facing_pose({0, 0, 1}))}, settings);
+    return Tracker(simulated::camera, TrueDetector{trajectory::still(facing_pose({0, 0, 1}))}, settings);
   };
   using namespace std::chrono_literals;
   CHECK_THROWS_WITH(make({.detection_interval = 0us}), doctest::Contains("detection_interval"));

@@ -666,7 +666,7 @@ TEST_CASE("time that stands still or goes back does no harm") {
   const Isometry3d reached = motion(1e-6 * static_cast<double>(t));
   follow(restarted, events, trajectory::linear(reached, {0.25, -0.15, 0.2}, {0.8, -0.6, 1.5}), 5000, 0);
   CHECK(translation_error(restarted.T_camera_marker(), motion(0.15)) < 1e-3);
-  // A look at the past is the present.
+  // The pose at a past time is the present.
   KalmanUpdate rule = restarted.rule();
   Isometry3d T = restarted.T_camera_marker();
   rule.extrapolate(T, -1000000);
@@ -842,12 +842,12 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
     Vector6d sigma = Vector6d::Zero(), sigma_before = sigma;
     Timestamp ask = 250000, last_update = -1, last_event = -1;
     double silent = 0;
-    int looks = 0, grew = 0, poses_after = 0;
+    int samples = 0, grew = 0, poses_after = 0;
     for (const Event& event : events) {
       for (; ask < event.t && ask < 500000; ask += 10000) {
         const PoseEstimate now = tracked.estimate(), then = tracked.pose_at(ask);
         REQUIRE(now.quality.state == TrackingState::tracking);
-        ++looks;
+        ++samples;
         kept = std::max(kept, translation_error(now.T_camera_marker, rest));
         asked = std::max(asked, translation_error(then.T_camera_marker, rest));
         sigma_before = sigma;
@@ -871,7 +871,7 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
     MESSAGE("n = " << n << ": kept within " << 1e3 * kept << " mm, asked " << 1e3 * asked << " mm, sigma at last "
                    << sigma.transpose() << ", then " << 1e3 * after << " mm");
     CAPTURE(n);
-    CHECK(looks == 25);
+    CHECK(samples == 25);
     CHECK(grew > 5);
     // The velocity that it had when events ceased is uncertain, and carries it on for velocity_memory_s.
     // Ten events that are noise come in a rest, a hundred do not. They say that hardly anything has moved: measured
