@@ -162,7 +162,7 @@ class Display {
   template <typename Pipeline, typename ModelOf>
   void show(const Pipeline& pipeline, const live::Status& status, const ModelOf& model_of,
             live::Clock::time_point until) {
-    const auto poses = pipeline.tick(std::numeric_limits<Timestamp>::min());  // not moved on
+    const auto poses = pipeline.poses_at(std::numeric_limits<Timestamp>::min());  // not moved on
     window_->show(view_.draw(tap_.frame(poses), status.events, poses, model_of, overlay_lines(status)), until);
   }
 

@@ -52,7 +52,7 @@ void threads(const PinholeCamera& camera, const Detector& detector, std::span<co
   evmarker::live::Pipeline pipeline(camera, detector, [](const evmarker::PoseEstimate& pose) { /* on its own thread */ },
                                     {.overload = evmarker::live::OverloadPolicy::drop_oldest});  // or block, thin
   pipeline.push(events);                                       // a range, or begin and end, from any thread
-  const auto now = pipeline.tick(t);                           // every marker moved on to a time, for a fixed rate
+  const auto now = pipeline.poses_at(t);                       // every marker moved on to a time, for a fixed rate
   const auto status = pipeline.status();                       // events in, filtered, dropped, backlog, latency, markers
 }
 

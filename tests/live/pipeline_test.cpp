@@ -82,7 +82,7 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
       pipeline.flush();
       const live::Status status = pipeline.status();
       const Timestamp soon = events().back().t + 5000;
-      const auto ticks = pipeline.tick(soon);
+      const auto ticks = pipeline.poses_at(soon);
       pipeline.stop();
 
       REQUIRE(poses.size() == expected.size());
@@ -122,7 +122,7 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
 
 TEST_CASE("without events, poses are extrapolated: later ones are less certain, and age") {
   live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, kLikeTracker);
-  CHECK(pipeline.tick(0).empty());
+  CHECK(pipeline.poses_at(0).empty());
   push(pipeline, events());
   pipeline.flush();
   const Timestamp end = events().back().t;
@@ -130,7 +130,7 @@ TEST_CASE("without events, poses are extrapolated: later ones are less certain, 
   Timestamp last_age = -1;
   for (const Timestamp ahead : {0, 2000, 10000, 30000}) {
     CAPTURE(ahead);
-    const auto poses = pipeline.tick(end + ahead);
+    const auto poses = pipeline.poses_at(end + ahead);
     REQUIRE(poses.size() == 1);
     const auto& P = poses[0].covariance;
     REQUIRE(P);
@@ -143,7 +143,7 @@ TEST_CASE("without events, poses are extrapolated: later ones are less certain, 
             .norm();
     CHECK(off_m < 0.01);
   }
-  CHECK(pipeline.tick(0).front().t > 0);  // not backwards
+  CHECK(pipeline.poses_at(0).front().t > 0);  // not backwards
 }
 
 TEST_CASE("detection takes its time on its own thread, and no event is lost in it") {
@@ -612,7 +612,7 @@ TEST_CASE("stop drops what is left and counts it, start begins anew") {
     pipeline.stop();
     CHECK_FALSE(pipeline.status().running);
     CHECK(pipeline.status().markers.empty());
-    CHECK(pipeline.tick(0).empty());
+    CHECK(pipeline.poses_at(0).empty());
     push(pipeline, events());  // to nobody
     CHECK(pipeline.status().dropped == events().size());
     check_sum(pipeline.status());
@@ -635,7 +635,7 @@ TEST_CASE("stop returns while a camera pushes, however full the queue and howeve
     std::thread reader([&] {
       while (!stopped) {
         check_sum(pipeline.status());
-        pipeline.tick(100000);
+        pipeline.poses_at(100000);
       }
     });
     while (pipeline.status().poses == 0) std::this_thread::sleep_for(1ms);

@@ -83,7 +83,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   const auto most = std::min(place + 1, GridMatcher::Choices::kMost),
              first = place + 1 - static_cast<std::size_t>(random.integer(1, static_cast<int>(most)));
   GridMatcher::Choices choices;
-  grid.choose(group, first, std::min(count - first, GridMatcher::Choices::kMost), choices);
+  grid.choose_many(group, first, std::min(count - first, GridMatcher::Choices::kMost), choices);
   const int stretch = choices.stretch[place - first];
   const GridMatcher::Choice careful = grid.choose(m);
   if (careful.result != result) return false;
@@ -282,7 +282,7 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   Isometry3d moved = T;
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
   REQUIRE(grid.move(moved, 0.5));
-  CHECK(grid.lookups() == before.lookups());
+  CHECK(grid.edge_choices() == before.edge_choices());
   REQUIRE(segments.project(moved));
   int kept = 0, where_it_is = 0;
   for (int i = 0; i < 4000; ++i) {
@@ -302,7 +302,7 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   CHECK(where_it_is > 500);
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
   REQUIRE(grid.move(moved, 0.5));
-  CHECK(grid.lookups() == before.lookups() + 1);
+  CHECK(grid.edge_choices() == before.edge_choices() + 1);
 }
 
 TEST_CASE("a wireframe without a grid is matched by the search over all segments") {

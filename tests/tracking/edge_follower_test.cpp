@@ -319,7 +319,7 @@ TEST_CASE("automatic: as many events as the edges make while they move by a tent
   follower.start_from(pose({0, 0, 0}, {0, 0, 0.5}));
   CHECK(follower.events_per_update() == 20);
   CHECK(follower.rule().events_per_update == 20);
-  follower.expect_events_per_px2(3);  // of no use to this rule
+  follower.set_events_per_passage(3);  // of no use to this rule
   CHECK(follower.events_per_update() == 20);
 }
 
@@ -333,8 +333,8 @@ TEST_CASE("automatic: more where a pixel makes more events, and a number stays t
     CAPTURE(distance_m);
     CAPTURE(per_px2);
     EdgeFollower<KalmanUpdate> follower = square(distance_m, evmarker::kAutomatic), fixed = square(distance_m, 7);
-    follower.expect_events_per_px2(per_px2);
-    fixed.expect_events_per_px2(per_px2);
+    follower.set_events_per_passage(per_px2);
+    fixed.set_events_per_passage(per_px2);
     CHECK(follower.events_per_update() == events);
     CHECK(fixed.events_per_update() == 7);
     fixed.start_from(pose({std::numbers::pi, 0, 0}, {0, 0, 0.3}));
@@ -598,7 +598,7 @@ TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lea
     CAPTURE(n);
     const EdgeFollower<Rule> start(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
                                    {.events_per_update = n});
-    REQUIRE(start.in_groups());
+    REQUIRE(start.accepts_groups());
     const auto of_known_polarity = [](std::size_t event) { return event % 5 != 0; };
     EdgeFollower<Rule> one_by_one = start, grouped = start;
     std::mt19937 random(static_cast<unsigned>(n));
@@ -640,8 +640,9 @@ TEST_CASE("at rest in noise, a rule that knows no motion stays where it is") {
   const MarkerModel square = evmarker::make_square_marker(0.1);
   const Isometry3d here = pose({std::numbers::pi, 0, 0}, {0, 0, 0.6});
   const auto drift_m = [&](int n, bool rest) {
-    EdgeFollower<DecoupledUpdate> follower(square, kFocal, here, {.events_per_update = n, .update = {.rest = rest}});
-    follower.let_rest();
+    EdgeFollower<DecoupledUpdate> follower(square, kFocal, here,
+                                           {.events_per_update = n, .update = {.hold_at_rest = rest}});
+    follower.enable_rest_detection();
     std::mt19937 random(3);
     std::uniform_real_distribution<double> anywhere(-0.2, 0.2);
     const double period_us = 1e6 / (kNoise_hz_px * 0.4 * 0.4 * kFocal * kFocal);

@@ -246,7 +246,7 @@ TEST_CASE("what is said to stay stays, whatever the next events are") {
     tracker.push(events[i]);
     if (i % 41 != 0) continue;
     const std::size_t count = std::array<std::size_t, 3>{1, 9, 40}[i / 41 % 3];
-    const bool said = tracker.stays(count);
+    const bool said = tracker.unchanged_by_next(count);
     for (const bool worse : {false, true}) {
       auto later = tracker;
       for (std::size_t k = 1; k <= count; ++k) later.push(worse ? beside(events[i + k]) : events[i + k]);

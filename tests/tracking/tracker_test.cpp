@@ -284,13 +284,13 @@ TEST_CASE("a detection that leaves no doubt refutes what was found at another ti
   const auto sighting = [&](const MarkerDetection& seen, const PlacedMarker& tracked) {
     Detector detector{seen};
     const DetectionRequest request{0, 0, 500, {tracked}, {}};
-    const DetectionResult result = detect(detector, PolarityFrame(simulated::camera.sensor_size()), request);
+    const DetectionResult result = answer_request(detector, PolarityFrame(simulated::camera.sensor_size()), request);
     REQUIRE(result.sightings.size() == 1);
     return result.sightings[0];
   };
   CHECK(sighting(detection, {3, tilted(0)}) == Sighting::there);
   CHECK(sighting(detection, {3, tilted(0.2)}) == Sighting::there);  // it may be the detection that errs
-  CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::elsewhere);
+  CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::wrong_tilt);
   CHECK(sighting(detection, {4, tilted(0.3)}) == Sighting::there);
   detection.T_camera_marker_alternative = tilted(0.6);
   CHECK(sighting(detection, {3, tilted(0.3)}) == Sighting::there);
@@ -342,7 +342,7 @@ TEST_CASE("after missing events, what was found before them is not followed") {
       }
       if (!supported) continue;
       if (!result && event.t > kFrom - 5000)
-        result = detect(detector, core.polarity_frame(), core.request_detection(event.t));
+        result = answer_request(detector, core.polarity_frame(), core.request_detection(event.t));
       if (result && core.result_pending() && core.result_due(event.t)) core.register_markers(*result, use);
     }
     REQUIRE(result);

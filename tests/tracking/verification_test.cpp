@@ -112,7 +112,7 @@ TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one
       const auto [match, updated, segment] = follower.push(lines(event), event.t);
       if (match == MatchResult::far) continue;
       updates += updated;
-      if (updates == 50 && updated) verification.start_window(follower);  // the first updates refine the start
+      if (updates == 50 && updated) verification.restart(follower);  // the first updates refine the start
       if (const BacktrackError* const error = verification.push(event, updated, follower, lines); error && updates > 50)
         outcome.errors.push_back(*error);
     }
@@ -176,7 +176,7 @@ TEST_CASE("a brief window is gone back over after some hundred events, and only 
     Follower follower(make_code_marker(simulated::kMarkerLength, simulated::code()), lines.focal_length(), motion(0),
                       {.events_per_update = 100});
     Verification<DecoupledUpdate> verification(follower, {.every = 1});
-    verification.start_window(follower, window);
+    verification.restart(follower, window);
     std::vector<int> after;
     int pushed = 0;
     for (const Event& event : events) {

@@ -218,8 +218,8 @@ Isometry3d moved(DecoupledUpdate rule, double trail_px, bool together = false) {
 TEST_CASE("events that trail their edges by what is expected do not move the pose, one by one as together") {
   const Isometry3d right = pose({0, 0, 0}, {0.1, -0.08, 0.6});
   DecoupledUpdate ignorant({}, 4), knowing = ignorant, papers(DecoupledSettings::paper(), 4);
-  knowing.expect_events_per_px2(3, kFocal);
-  papers.expect_events_per_px2(3, kFocal);
+  knowing.set_trail_by_event_density(3, kFocal);
+  papers.set_trail_by_event_density(3, kFocal);
   constexpr double kTrail_px = 2.1 / 6;
   for (const bool together : {false, true}) {
     CAPTURE(together);
@@ -234,7 +234,7 @@ TEST_CASE("events that trail their edges by what is expected do not move the pos
   }
   CHECK((moved(knowing, 0.1, true).matrix() - moved(knowing, 0.1).matrix()).norm() < 1e-12);
   // Half a pixel at most.
-  knowing.expect_events_per_px2(0.1, kFocal);
+  knowing.set_trail_by_event_density(0.1, kFocal);
   CHECK((moved(knowing, 0.5).translation() - right.translation()).norm() < 1e-6);
 }
 

@@ -24,16 +24,17 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
     before.xx = root * root.transpose();
     for (Vector12d& column : before.xb) column = Vector12d::NullaryExpr([&] { return normal(random); });
     before.bb = {{{3, 0.5}, {0.5, 2}}};
-    const MotionStep motion{.carried = carried, .kept = kept, .pose = 1.5, .both = -0.5, .velocity = 7};
+    const MotionStep motion{
+        .pose_by_velocity = carried, .velocity_kept = kept, .q_pose = 1.5, .q_cross = -0.5, .q_velocity = 7};
     const std::array<double, 6> q{1, 2, 3, 0.1, 0.2, 0.3};
     const Vector6d density = Eigen::Map<const Vector6d>(q.data());
 
     Matrix12d F = Matrix12d::Identity(), Q = Matrix12d::Zero();
     F.topRightCorner<6, 6>().diagonal().setConstant(carried);
     F.bottomRightCorner<6, 6>() *= kept;
-    Q.diagonal() << motion.pose * density, motion.velocity * density;
-    Q.topRightCorner<6, 6>().diagonal() = motion.both * density;
-    Q.bottomLeftCorner<6, 6>().diagonal() = motion.both * density;
+    Q.diagonal() << motion.q_pose * density, motion.q_velocity * density;
+    Q.topRightCorner<6, 6>().diagonal() = motion.q_cross * density;
+    Q.bottomLeftCorner<6, 6>().diagonal() = motion.q_cross * density;
     const Matrix12d expected = F * before.xx * F.transpose() + Q;
     REQUIRE((expected - before.xx).norm() > 1);
 

@@ -392,7 +392,7 @@ TEST_CASE("the trail's first guess: half of a contrast step of an edge as wide a
     KalmanUpdate rule({}, 10);
     Isometry3d T = kTruth;
     rule.add(matched(T), T);  // forgotten
-    rule.expect_events_per_px2(T, per_px2);
+    rule.measure_trail(T, per_px2);
     constexpr double kUnknownSpread2 = 1;  // before there are events
     const double guess = std::sqrt(12 * (kUnknownSpread2 - 1.0 / 12)) / (2 * per_px2), variance = 0.3 * 0.3;
     CHECK(rule.trail_px() == doctest::Approx(guess * variance / (variance + guess * guess / 16)));
@@ -416,7 +416,7 @@ TEST_CASE("what the events do not say has not moved: after a rest the pose stays
       CAPTURE(pause);
       const auto rested = [&](bool known) {
         KalmanUpdate rule = moving.rule();
-        if (known) rule.set_events_per_px(kEventsPerPx, 1);
+        if (known) rule.bound_motion_by_events(kEventsPerPx, 1);
         Isometry3d T = moving.T_camera_marker();
         SegmentMatcher matcher(kCode, kFocal);
         REQUIRE(matcher.project(T));

@@ -21,27 +21,30 @@ struct PlacedMarker {
 /// A tracker's request about one frame. A value: the detector may work on it in another thread, later.
 struct DetectionRequest {
   Timestamp t = 0;                        ///< of the frame [us]
-  std::uint64_t position = 0;             ///< events of the history that are in the frame: those before this position
+  std::uint64_t events_in_frame = 0;      ///< EventHistory::pushed() at the frame: it has the events before this number
   double focal_length = 0;                ///< [px]
   std::vector<PlacedMarker> unconfirmed;  ///< markers at the poses where they are tracked: are their codes there?
   std::vector<PlacedMarker> missing;      ///< lost markers at their predicted poses: are they nearby?
 };
 
-/// What a frame shows of a marker that is tracked but not confirmed yet: nothing, its code at the tracked pose, or its
-/// code at another pose.
-enum class Sighting { none, there, elsewhere };
+/// What a frame shows of a marker that is tracked but not confirmed yet.
+enum class Sighting {
+  none,       ///< its code is not read at the tracked pose
+  there,      ///< its code is read at the tracked pose
+  wrong_tilt  ///< it was detected, without an alternative, at a clearly different tilt
+};
 
 struct DetectionResult {
   struct Marker {
     MarkerDetection detection;
     MarkerModel model;
   };
-  std::uint64_t position = 0;         ///< that of the request
-  std::vector<Marker> markers{};      ///< first those that the detector found by itself, then the missing ones
-  std::size_t detected = 0;           ///< number of those that the detector found by itself
+  std::uint64_t events_in_frame = 0;  ///< that of the request
+  std::vector<Marker> markers{};  ///< first those that `detect` found in the frame, then lost ones that `search` found
+  std::size_t detected = 0;       ///< how many of them `detect` found
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
 
-  /// Those that the detector found by itself.
+  /// Those that `detect` found.
   std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
 };
 
@@ -55,19 +58,22 @@ inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d
   return focal_length * norm(a - b) < 0.25 * (diagonal_px(0) + diagonal_px(1));
 }
 
-/// True if a detection that has no alternative is tilted differently from a pose. In the image, two such poses may be
-/// only a pixel apart, so that the code can be read at both.
-inline bool tilted_otherwise(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
+/// True if a detection without an alternative contradicts the tilt of a tracked pose. Two poses of different tilt may
+/// be only a pixel apart in the image, so that the code is read at both.
+inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
   constexpr double kDiffers_rad = 0.25;
   return !detection.T_camera_marker_alternative &&
          geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
-/// Runs a detector on a frame. Its members `shows(id, T_camera_marker)` and `search(id, T_camera_marker)`, both about
-/// the last frame that it was given, are used where it has them.
+/// Answers a request: detects markers in the frame, searches for the missing ones, and checks the unconfirmed ones. A
+/// detector may have two more functions, about the frame that `detect` was given last:
+///
+///     bool shows(MarkerId, const Eigen::Isometry3d&)                             is this marker's code at this pose?
+///     std::optional<MarkerDetection> search(MarkerId, const Eigen::Isometry3d&)  is this marker near this pose?
 template <MarkerDetector Detector>
-DetectionResult detect(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
-  DetectionResult result{.position = request.position};
+DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
+  DetectionResult result{.events_in_frame = request.events_in_frame};
   const auto add = [&](const MarkerDetection& detection) {
     result.markers.push_back({detection, detector.model(detection.id)});
   };
@@ -78,7 +84,7 @@ DetectionResult detect(Detector& detector, const PolarityFrame& frame, const Det
   for (const MarkerDetection& detection : detector.detect(frame)) add(detection);
   result.detected = result.markers.size();
 
-  // A marker of which a part is hidden may be found only where it is expected.
+  // A search near its predicted pose finds a partly hidden marker that `detect` misses.
   if constexpr (requires(MarkerId id, Eigen::Isometry3d T) { detector.search(id, T); })
     for (const auto& [id, T_camera_marker] : request.missing)
       if (find(result.markers, id) == nullptr)
@@ -92,8 +98,8 @@ DetectionResult detect(Detector& detector, const PolarityFrame& frame, const Det
   };
   for (const PlacedMarker& marker : request.unconfirmed) {
     const MarkerDetection* const detection = find(result.detected_markers(), marker.id);
-    const bool elsewhere = detection && tilted_otherwise(*detection, marker.T_camera_marker);
-    result.sightings.push_back(elsewhere                  ? Sighting::elsewhere
+    const bool wrong_tilt = detection && contradicts_tilt(*detection, marker.T_camera_marker);
+    result.sightings.push_back(wrong_tilt                 ? Sighting::wrong_tilt
                                : shows(marker, detection) ? Sighting::there
                                                           : Sighting::none);
   }

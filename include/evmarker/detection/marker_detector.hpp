@@ -23,7 +23,8 @@ struct MarkerDetection {
   std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
 };
 
-/// Finds markers in a frame and has their models. May be slow and may allocate; must not keep the frame.
+/// Finds markers in a frame and has their models. May be slow and may allocate; must not keep the frame. Optional
+/// functions: see `answer_request`.
 template <typename D>
 concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, MarkerId id) {
   { detector.detect(frame) } -> std::ranges::input_range;

@@ -13,20 +13,20 @@
 
 namespace evmarker {
 
-/// A filter's window that follows the noise of the sensor.
+/// Value of the window: the filter then chooses its window by the measured background activity.
 inline constexpr std::chrono::microseconds kAutomaticWindow{0};
 /// The window of the paper's filter.
 inline constexpr std::chrono::microseconds kPaperWindow{2000};
 
 /// Lets an event through if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
-/// it (or after it, where recordings step back in time). The pixel itself does not count: a hot pixel supports nobody,
-/// least of all itself. The paper's preprocessing, with 2000 us.
+/// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
+/// not support itself. The paper's preprocessing, with 2000 us.
 ///
-/// A fixed window is a statement about speed: the neighbours of an edge's pixel fire within the time in which it moves
-/// by a pixel. Noise of rate r, in Hz/px, passes with 1 - exp(-8 r window). So the automatic window is as long as lets
-/// one noise event in thirteen pass: 0.01 / r, by the background activity that was measured so far, but not more than
-/// 50 ms: edges of 20 px/s are let through by then, and memories of an older edge would support any noise in its trail.
-/// And not less than 0.5 ms: there are 20 Hz/px of noise, and edges slower than 2000 px/s would only pass by chance.
+/// A fixed window sets the slowest edge that passes: the neighbouring pixels along its path fire within the time in
+/// which the edge moves by a pixel. The automatic window is 0.01 / r, where r [Hz/px] is the background activity
+/// measured so far: of the noise, 1 - exp(-8 r window), one event in thirteen, passes. It is at most 50 ms, which lets
+/// edges from 20 px/s on through; with a longer one, the times of an edge that passed long ago would support noise. It
+/// is at least 0.5 ms, reached at 20 Hz/px; with a shorter one, edges slower than 2000 px/s would pass only by chance.
 class SpatiotemporalFilter {
  public:
   /// @param window `kAutomaticWindow`, or fixed
@@ -43,7 +43,7 @@ class SpatiotemporalFilter {
     last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
     if (window == kAutomaticWindow) {
       until_sample_ = BackgroundActivity::kEventsAtFirst;
-      follow_activity();
+      set_window_from_activity();
     }
   }
 
@@ -61,7 +61,7 @@ class SpatiotemporalFilter {
                                recent(pixel - 1) | recent(pixel + 1) |  //
                                recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
     if (--until_sample_ == 0) [[unlikely]]
-      sample(event, pixel);
+      sample_background_activity(event, pixel);
     *pixel = now;
     return supported != 0;
   }
@@ -69,16 +69,17 @@ class SpatiotemporalFilter {
   /// As of the last event.
   std::chrono::microseconds window() const noexcept { return std::chrono::microseconds(window_); }
 
-  /// Has what `accept` will need for the event, which must lie on the sensor, brought into the cache.
+  /// Prefetches the memory that `accept` will read for this event, which must lie on the sensor.
   void prefetch(const Event& event) const noexcept {
     const std::uint32_t* const pixel = &last_[index(event)];
     for (const std::uint32_t* const row : {pixel - stride_, pixel, pixel + stride_}) __builtin_prefetch(row);
   }
 
  private:
-  // Times are kept as their low 32 bits. So that a pixel that was silent for 71 minutes does not look recent when they
-  // come round, stale times are moved to the far side of the circle well before that. From there they look stale until
-  // the next sweep and in it, or all are stale by then, as long as twice the window is less than the interval.
+  // Only the low 32 bits of a time are kept; they repeat after 71 minutes. So that old times never look recent again, a
+  // sweep sets all times outside of the window to 2^31 us (36 min) from now, whenever time has moved by more than
+  // kSweepInterval (18 min) since the last one. If time has moved by kSweepInterval + window at once, no stored time
+  // can be within the window, and all are set. Both need 2 window < kSweepInterval: the window is limited to 8 min.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;
   static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;
 
@@ -97,24 +98,26 @@ class SpatiotemporalFilter {
     swept_at_ = t;
   }
 
-  // How long ago there was an event at this pixel or a neighbour, or how long after, where times step back.
-  [[gnu::noinline]] void sample(const Event& event, const std::uint32_t* pixel) noexcept {
+  // Gives the estimator the time to the last event at this pixel or a neighbour (its absolute value, as times may step
+  // back), and adapts the window.
+  [[gnu::noinline]] void sample_background_activity(const Event& event, const std::uint32_t* pixel) noexcept {
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t age = kFarSide;
     for (const std::uint32_t* const middle : {pixel - stride_, pixel, pixel + stride_})
       for (const std::uint32_t last : {middle[-1], middle[0], middle[1]}) age = std::min({age, now - last, last - now});
     until_sample_ = activity_.add(age, event.t);
-    follow_activity();
+    set_window_from_activity();
   }
 
-  void follow_activity() noexcept {
-    constexpr double kNoise = 0.01, kLeast_us = 500, kMost_us = 50000;
-    window_ = static_cast<std::uint32_t>(std::clamp(1e6 * kNoise / activity_.hz_per_px(), kLeast_us, kMost_us));
+  void set_window_from_activity() noexcept {
+    constexpr double kNoiseEventsPerWindow = 0.01, kLeast_us = 500, kMost_us = 50000;
+    window_ = static_cast<std::uint32_t>(
+        std::clamp(1e6 * kNoiseEventsPerWindow / activity_.hz_per_px(), kLeast_us, kMost_us));
   }
 
-  std::size_t stride_;              // a border of one pixel all around never gets an event and needs no test
+  std::size_t stride_;              // sensor width + 2: a border without events saves the neighbours' bounds checks
   std::uint32_t window_;            // [us]
-  std::uint64_t until_sample_ = 0;  // events; none is ever due with a fixed window
+  std::uint64_t until_sample_ = 0;  // events; with a fixed window it wraps from 0 to 2^64 - 1: none is ever due
   BackgroundActivity activity_;
   std::vector<std::uint32_t> last_;
   Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;

@@ -119,7 +119,7 @@ class DetectionThread {
       else
         for (const Event& event : job->events) frame_.update(event);
       try {
-        job->outcome.result = detect(detector_, frame_, job->request);
+        job->outcome.result = answer_request(detector_, frame_, job->request);
       } catch (...) {
         job->outcome.error = std::current_exception();
       }

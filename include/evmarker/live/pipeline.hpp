@@ -27,8 +27,8 @@
 
 namespace evmarker::live {
 
-/// Tracks markers in what a camera's thread pushes; a `Tracker` on two threads, one of which tracks while the other one
-/// detects. Every member may be called from any thread, but not `start`, `stop` and `flush` from a callback. All
+/// Tracks markers in the events that a camera's thread pushes: a `Tracker` on a thread of its own, with its detector on
+/// others. Every member may be called from any thread, but not `start`, `stop` and `flush` from a callback. All
 /// callbacks are called from the tracking thread, one at a time; while one runs, nothing is tracked.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Pipeline {
@@ -50,10 +50,10 @@ class Pipeline {
       : settings_(settings),
         detector_(std::move(detector)),
         on_pose_(std::move(on_pose)),
-        fresh_(camera, settings.tracker, std::move(filter)),
+        initial_core_(camera, settings.tracker, std::move(filter)),
         intake_(settings.queue_events, settings.overload, settings.gap),
-        fresh_clock_(settings.tick_interval, settings.gap),
-        clock_(fresh_clock_) {
+        initial_clock_(settings.tick_interval, settings.gap),
+        clock_(initial_clock_) {
     ticks_.reserve(settings.tracker.max_markers);
     start();
   }
@@ -62,8 +62,8 @@ class Pipeline {
   Pipeline& operator=(const Pipeline&) = delete;
   ~Pipeline() { halt(); }
 
-  /// Takes in events in the order of camera time; those of several threads are not mixed. All are dropped, and counted,
-  /// while the pipeline is stopped.
+  /// Takes in events in the order of camera time. The events of one call stay together; calls of several threads are
+  /// not merged by time. All are dropped, and counted, while the pipeline is stopped.
   template <std::ranges::contiguous_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events) { intake_.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
@@ -72,28 +72,29 @@ class Pipeline {
     intake_.push(std::span<const E>(begin, end));
   }
 
-  /// Takes in a trigger event, after the events before it and before those after it. At most 4096 wait; of more, all
-  /// are dropped and counted, or `push` waits with the policy `block`.
+  /// Takes in a trigger event, after the events before it and before those after it. The queue holds
+  /// 4096. When it is full, more are dropped and counted; with the policy `block`, `push` waits instead.
   void push(const TriggerEvent& trigger) { intake_.push(trigger); }
 
   /// Begins anew after `stop`: counters at zero, no marker known.
   void start() {
     const std::lock_guard control(control_);
     if (thread_.joinable()) return;
-    for (LatencyHistogram* histogram : {&push_to_pose_, &queue_wait_, &detection_}) histogram->clear();
+    for (LatencyHistogram* histogram : {&push_to_pose_, &queue_wait_, &detection_time_}) histogram->clear();
     stopping_ = false;
     delivered_ = {};
     last_block_ = 0;
-    clock_ = fresh_clock_;
-    core_.emplace(fresh_);
-    detection_thread_.emplace(detector_, fresh_.polarity_frame().sensor_size(), settings_.tracker.history_events,
+    clock_ = initial_clock_;
+    core_.emplace(initial_core_);
+    detection_thread_.emplace(detector_, initial_core_.polarity_frame().sensor_size(), settings_.tracker.history_events,
                               settings_.detect_when_idle && !settings_.wait_for_detector);
     published_.start(intake_);
     thread_ = std::thread([this] { run(); });
   }
 
-  /// Stops within 100 ms, or as soon as the callback and the detector return. Events still in the queue are dropped,
-  /// and counted: `flush` before it to have them tracked.
+  /// Returns within 100 ms, or later, when a callback or a detection that is still running has returned. Events still
+  /// in the queue are dropped, and counted: `flush` first to have them tracked.
+  /// @throws std::logic_error in a callback (a pipeline that is destroyed in one ends the program)
   /// @throws what the callback or the detector threw first since the start
   void stop() {
     const std::lock_guard control(control_);
@@ -101,7 +102,8 @@ class Pipeline {
     if (const std::exception_ptr error = published_.take_error()) std::rethrow_exception(error);
   }
 
-  /// Waits until all that was pushed before has been tracked or handed on, or the pipeline is stopped.
+  /// Waits until all events pushed before have been tracked or dropped and all triggers delivered, or the pipeline is
+  /// stopped.
   void flush() const {
     while (published_.busy(intake_)) std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
@@ -113,7 +115,7 @@ class Pipeline {
     Status status = published_.status(intake_);
     status.push_to_pose = push_to_pose_.summary();
     status.queue_wait = queue_wait_.summary();
-    status.detection = detection_.summary();
+    status.detection = detection_time_.summary();
     return status;
   }
 
@@ -122,8 +124,8 @@ class Pipeline {
 
   /// Every tracked marker's pose at a camera time, by the velocity of a rule that estimates it: for a controller, at
   /// its own rate, whether events come or not. Its covariance grows with its age, `t - quality.updated_t`. A marker
-  /// that has been tracked beyond `now` is given as it is.
-  std::vector<PoseEstimate> tick(Timestamp now) const { return published_.poses_at(now); }
+  /// that has been tracked beyond t is given as it is.
+  std::vector<PoseEstimate> poses_at(Timestamp t) const { return published_.poses_at(t); }
 
  private:
   static constexpr std::chrono::milliseconds kPatience{5};  // between two checks whether to stop
@@ -146,18 +148,20 @@ class Pipeline {
     shorten_turns_of_this_thread();
     while (!stopping_) {
       EventBlock* const block = intake_.take(patience());
-      if (!settings_.wait_for_detector) receive_detection(std::chrono::microseconds(0), untimed());
+      if (!settings_.wait_for_detector) receive_detection(std::chrono::microseconds(0), deliver_untimed());
       if (block != nullptr) {
         deliver_triggers(block->number);
-        // The numbers that are missing were dropped out of the queue.
-        if (block->follows_dropped || block->number != last_block_ + 1) core_->skip_to(block->first_t(), untimed());
+        // Events are missing before this block: refused by `push`, or dropped from the queue, which leaves a gap in the
+        // numbers.
+        if (block->follows_dropped || block->number != last_block_ + 1)
+          core_->skip_to(block->first_t(), deliver_untimed());
         track(*block);
         last_block_ = block->number;
         intake_.give_back(block);
       } else {
         catch_up();
         deliver_triggers(last_block_ + 1);
-        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kNothingHeard);
+        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kPushedUntilUnknown);
       }
       published_.publish(*core_, delivered_);
     }
@@ -169,9 +173,9 @@ class Pipeline {
     return ticks_by_wall() ? clock_.wait(Clock::now(), kPatience) : kPatience;
   }
 
-  // While no events come, markers that were detected just now may replay those before.
+  // While no events come, newly detected markers replay those that they have not had yet.
   void catch_up() {
-    if (!settings_.wait_for_detector) core_->catch_up(EventBlock::kCapacity, untimed());
+    if (!settings_.wait_for_detector) core_->catch_up(EventBlock::kCapacity, deliver_untimed());
   }
 
   void track(const EventBlock& block) {
@@ -180,30 +184,32 @@ class Pipeline {
     for (std::span<const Event> left = block.span(); !left.empty();) {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
       if (const auto next = core_->next_t(left.front())) deliver_ticks(*next, *next);
-      bool due = false;
-      Timestamp t = 0;
-      const auto stop = [&](const Event& e) {
-        detection_thread_->add(e);
-        t = e.t;
-        return due =
-                   (detection_on_ && core_->detection_due(t)) || (settings_.wait_for_detector && core_->result_due(t));
+      std::optional<Timestamp> due;  // to start a detection, or to wait for its result
+      const auto feed_detector = [&](const Event& event) {
+        detection_thread_->add(event);
+        if (should_detect(event.t) || should_wait_for_result(event.t)) due = event.t;
+        return due.has_value();
       };
       const auto deliver_timed = [&](const PoseEstimate& pose) { deliver(pose, block.pushed); };
-      left = left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, stop, deliver_timed));
+      left =
+          left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, feed_detector, deliver_timed));
       if (!due) continue;
-      if (core_->detection_due(t) && detection_on_)
-        detection_thread_->start(core_->request_detection(t), core_->polarity_frame(), !core_->searching());
-      if (settings_.wait_for_detector && core_->result_due(t))
+      if (should_detect(*due))
+        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame(), !core_->searching());
+      if (should_wait_for_result(*due))
         while (core_->result_pending() && !stopping_) receive_detection(kPatience, deliver_timed);
     }
   }
+
+  bool should_detect(Timestamp t) const { return detection_on_ && core_->detection_due(t); }
+  bool should_wait_for_result(Timestamp t) const { return settings_.wait_for_detector && core_->result_due(t); }
 
   // Hands the result of the detection that is going on to the tracker, if it is there in time.
   template <typename Deliver>
   void receive_detection(std::chrono::microseconds timeout, const Deliver& deliver) {
     const auto* const outcome = core_->result_pending() ? detection_thread_->outcome(timeout) : nullptr;
     if (outcome == nullptr) return;
-    detection_.add(outcome->duration);
+    detection_time_.add(outcome->duration);
     try {
       if (outcome->error) std::rethrow_exception(outcome->error);
       core_->register_markers(outcome->result, deliver);
@@ -213,8 +219,8 @@ class Pipeline {
     }
   }
 
-  // Between events: these poses have no event whose way could be timed.
-  auto untimed() {
+  // Delivers without a latency: no event that was just pushed has caused these poses.
+  auto deliver_untimed() {
     return [this](const PoseEstimate& pose) { deliver(pose, std::nullopt); };
   }
 
@@ -227,15 +233,16 @@ class Pipeline {
 
   bool ticks_by_wall() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }
 
-  // Before an event: the poses depend on nothing later. All events before `heard` have come.
-  void deliver_ticks(Timestamp now, Timestamp heard) {
+  // Calls `on_tick` for every tick until `now`. Before the next event is tracked, so that a tick's poses depend on
+  // earlier events only. For `pushed_until`, see MarkerTracker::pose_at.
+  void deliver_ticks(Timestamp now, Timestamp pushed_until) {
     if (!settings_.on_tick) return;
     while (!stopping_) {
       const auto t = clock_.due(now);
       if (!t) return;
       ticks_.clear();
       for (const auto& marker : core_->markers())
-        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, heard) : marker.estimate());
+        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, pushed_until) : marker.estimate());
       ++delivered_.ticks;
       call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
     }
@@ -263,13 +270,14 @@ class Pipeline {
   Settings settings_;
   Detector detector_;
   PoseCallback on_pose_;
-  const TrackerCore<Rule, Filter> fresh_;  // as it is at every start
+  const TrackerCore<Rule, Filter> initial_core_;  // as it is at every start
   EventIntake intake_;
-  const TickClock fresh_clock_;
-  LatencyHistogram push_to_pose_, queue_wait_, detection_;
+  const TickClock initial_clock_;
+  LatencyHistogram push_to_pose_, queue_wait_, detection_time_;
   std::atomic<bool> stopping_{false}, detection_on_{true};
 
-  std::mutex control_;  // of start and stop
+  std::mutex control_;  // of start and stop, guards thread_
+  std::thread thread_;
   PublishedState<Rule> published_;
 
   // While it runs, of the tracking thread alone:
@@ -279,7 +287,6 @@ class Pipeline {
   std::uint64_t last_block_ = 0;
   TickClock clock_;
   std::vector<PoseEstimate> ticks_;  // of one tick
-  std::thread thread_;
 };
 
 }  // namespace evmarker::live

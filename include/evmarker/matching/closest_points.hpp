@@ -14,17 +14,18 @@ namespace evmarker {
 /// The point E of an edge and the point F of a line of sight that are nearest to each other, camera frame [m].
 struct ClosestPoints {
   Vec3 E, F;
-  bool exist = false;  ///< false if the edge points at the camera: the event says nothing then
+  bool valid = false;  ///< false if the edge is nearly parallel to the line of sight: Eq. (5) is singular
 };
 
 /// Eqs. (3) to (5): E = V + a2 S on the edge, F = a1 M on the line of sight, E - F perpendicular to both.
-/// @param begin,end of the edge, in units of S: E does not leave it
-// Eq. (5) solved for a1 and a2; the paper writes V_j for V.
+/// @param begin,end the edge's range of a2; where a2 is clamped to it, E - F is perpendicular to M only
+// Eq. (5) solved for a1 and a2. V is the vertex where S begins, a2 = 0; the paper prints V_j.
 [[gnu::always_inline]] inline ClosestPoints closest_points(Vec3 V, Vec3 S, double begin, double end, Vec3 M) noexcept {
   const double MM = dot(M, M), MS = dot(M, S), SS = dot(S, S), MV = dot(M, V), SV = dot(S, V);
   const double determinant = MM * SS - MS * MS;
+  // std::clamp without branches; a NaN becomes a bound.
   const double a2 = simd::smaller(simd::larger((MS * MV - MM * SV) / determinant, begin), end);
-  const double a1 = (MV + a2 * MS) / MM;  // after the limit, still the point of M nearest to E
+  const double a1 = (MV + a2 * MS) / MM;  // first row of Eq. (5): F is nearest to E also for a clamped a2
   return {V + a2 * S, a1 * M, determinant > 1e-6 * MM * SS};
 }
 

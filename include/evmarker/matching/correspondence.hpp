@@ -18,7 +18,7 @@ struct Correspondence {
   double squared_px = 0;                        ///< `distance_px` squared
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
   bool dark_side_known = false;                 ///< whether `normal` points to the dark side
-  Eigen::Vector3d gradient{0, 0, 0};            ///< how far the edge's point E moves along `normal`, by E [px/m]
+  Eigen::Vector3d gradient{0, 0, 0};            ///< derivative by E of the place of E's image along `normal` [px/m]
   Eigen::Vector3d M = Eigen::Vector3d::Zero();  ///< line of sight, Eq. (2)
   Eigen::Vector3d F = Eigen::Vector3d::Zero();  ///< point on the line of sight, Eq. (3)
   Eigen::Vector3d E = Eigen::Vector3d::Zero();  ///< point on the segment, Eq. (4)
@@ -33,7 +33,7 @@ struct alignas(64) Correspondences {
   simd::Lanes M_x, M_y;       ///< line of sight (x, y; 1), Eq. (2)
   simd::Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
   simd::Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
-  simd::Lanes g_x, g_y, g_z;  ///< how far E moves along the edge's image normal, by E [px/m]
+  simd::Lanes g_x, g_y, g_z;  ///< derivative by E of the place of E's image along the edge's normal [px/m]
   simd::Lanes is_event;       ///< 1, and 0 from `count` on
   std::size_t count = 0;
 

@@ -11,52 +11,56 @@
 
 namespace evmarker {
 
-/// An event and an edge of the grid.
-struct OnGridEdge {
+/// Where an event lies relative to the grid edge that it matches.
+struct EdgeGeometry {
   double distance_px;    ///< Eq. (1), positive on the dark side
   Vec2 normal;           ///< of the edge's image, toward its dark side
-  Vec3 gradient;         ///< how far E moves along it, by E [px/m]
+  Vec3 gradient;         ///< derivative by E of the place of E's image along it [px/m]
   ClosestPoints points;  ///< Eqs. (3) to (5)
 };
 
-/// @param line of the edge in the image, not of unit length, toward larger coordinates
-/// @param toward_dark one over its length, negative if the dark side is that of smaller coordinates
-/// @param V,S where the grid line has its zero, and the step along it to the next cell [m]
+/// @param line image of the edge, n m + c = 0, n toward larger grid coordinates, not of unit length
+/// @param signed_inverse_norm 1 / |n|, negative if the edge's dark side is that of smaller coordinates
+/// @param V,S the edge's line in space: V at coordinate 0, S the step to the next cell [m]
+/// @param begin,end of the edge, in steps S
 /// @param m line of sight (m; 1)
-[[gnu::always_inline]] inline OnGridEdge on_grid_edge(Vec3 line, double toward_dark, Vec3 V, Vec3 S, double begin,
-                                                      double end, Vec2 m, double focal_length) noexcept {
-  const Vec3 unit = toward_dark * line;
+[[gnu::always_inline]] inline EdgeGeometry edge_geometry(Vec3 line, double signed_inverse_norm, Vec3 V, Vec3 S,
+                                                         double begin, double end, Vec2 m,
+                                                         double focal_length) noexcept {
+  const Vec3 unit = signed_inverse_norm * line;
   const Vec2 normal{unit.x, unit.y};
   const ClosestPoints points = closest_points(V, S, begin, end, {m.x, m.y, 1});
   return {focal_length * line_distance(unit, m), normal, image_gradient(normal, points.E, focal_length), points};
 }
 
-/// Of one event. False if the edge points at the camera: the event says nothing then.
+/// Sets the geometry of an event's correspondence; its `t` and `polarity` are the caller's. False, and `c` is void, if
+/// the edge points at the camera.
 [[gnu::always_inline]] inline bool correspond(const ProjectedGrid& grid, const GridEdges::Stretch& edge, Vec2 m,
                                               double focal_length, Correspondence& c) noexcept {
   const auto i = static_cast<std::size_t>(edge.coordinate);
   const Vec3 line = grid.row(i) - edge.line * grid.row_w();
-  const OnGridEdge on =
-      on_grid_edge(line, edge.dark / std::sqrt(line.x * line.x + line.y * line.y),
-                   grid.corner() + edge.line * grid.step(i), grid.step(1 - i), edge.begin, edge.end, m, focal_length);
+  const EdgeGeometry geometry =
+      edge_geometry(line, edge.dark / std::sqrt(line.x * line.x + line.y * line.y),
+                    grid.corner() + edge.line * grid.step(i), grid.step(1 - i), edge.begin, edge.end, m, focal_length);
   c.segment = edge.segment;
-  c.distance_px = on.distance_px;
-  c.squared_px = on.distance_px * on.distance_px;
-  c.normal = on.normal;
+  c.distance_px = geometry.distance_px;
+  c.squared_px = geometry.distance_px * geometry.distance_px;
+  c.normal = geometry.normal;
   c.dark_side_known = true;
-  c.gradient = on.gradient;
+  c.gradient = geometry.gradient;
   c.M = {m.x, m.y, 1};
-  c.E = on.points.E;
-  c.F = on.points.F;
-  return on.points.exist;
+  c.E = geometry.points.E;
+  c.F = geometry.points.F;
+  return geometry.points.valid;
 }
 
-/// Events that were matched to edges of the grid, number by number.
+/// Up to eight events that were matched to edges of the grid, one array for each component.
 struct GridMatches {
-  alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};                  ///< line of sight (x, y; 1), time [us], see Event
+  alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};  ///< line of sight (x, y; 1), time [us], 1 ON, -1 OFF, 0 unknown
   alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
   std::size_t count = 0;
 
+  /// Writes entry i; does not change `count`.
   void set(std::size_t i, double m_x, double m_y, Timestamp time, double sign,
            const GridEdges::Stretch& edge) noexcept {
     x[i] = m_x;
@@ -71,15 +75,15 @@ struct GridMatches {
   }
 };
 
-/// Batch version of `correspond`.
+/// Batch version of `correspond`, without its check: at poses that GridMatcher accepts, no edge points at the camera.
 [[gnu::always_inline]] inline void correspond(const ProjectedGrid& grid, const GridMatches& matches,
                                               double focal_length, Correspondences& c) noexcept {
-  // Copies, see nearest_lines.
+  // Copies: the compiler cannot know that writing to `c` leaves the originals as they are.
   const Vec3 rows[2] = {grid.row(0), grid.row(1)}, steps[2] = {grid.step(0), grid.step(1)};
   const Vec3 corner = grid.corner(), row_w = grid.row_w();
-  // The first or the second of two: a weighted sum, as conditions have the compiler make branches of the loop.
-  const auto select = [](double second, const Vec3* two) __attribute__((always_inline)) {
-    return (1 - second) * two[0] + second * two[1];
+  // two[0] or two[1], for index 0.0 or 1.0: a weighted sum, as a condition would keep the loop from being vectorised.
+  const auto select = [](double index, const Vec3* two) __attribute__((always_inline)) {
+    return (1 - index) * two[0] + index * two[1];
   };
   alignas(64) simd::Lanes norm;
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
@@ -90,23 +94,23 @@ struct GridMatches {
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
     const double is_y = matches.coordinate[i], k = matches.k[i];
     const Vec2 m{matches.x[i], matches.y[i]};
-    const OnGridEdge on =
-        on_grid_edge(select(is_y, rows) - k * row_w, matches.dark[i] / norm[i], corner + k * select(is_y, steps),
-                     select(1 - is_y, steps), matches.begin[i], matches.end[i], m, focal_length);
+    const EdgeGeometry geometry =
+        edge_geometry(select(is_y, rows) - k * row_w, matches.dark[i] / norm[i], corner + k * select(is_y, steps),
+                      select(1 - is_y, steps), matches.begin[i], matches.end[i], m, focal_length);
     c.t[i] = matches.t[i];
     c.polarity[i] = matches.polarity[i];
-    c.distance_px[i] = on.distance_px;
+    c.distance_px[i] = geometry.distance_px;
     c.M_x[i] = m.x;
     c.M_y[i] = m.y;
-    c.F_x[i] = on.points.F.x;
-    c.F_y[i] = on.points.F.y;
-    c.F_z[i] = on.points.F.z;
-    c.E_x[i] = on.points.E.x;
-    c.E_y[i] = on.points.E.y;
-    c.E_z[i] = on.points.E.z;
-    c.g_x[i] = on.gradient.x;
-    c.g_y[i] = on.gradient.y;
-    c.g_z[i] = on.gradient.z;
+    c.F_x[i] = geometry.points.F.x;
+    c.F_y[i] = geometry.points.F.y;
+    c.F_z[i] = geometry.points.F.z;
+    c.E_x[i] = geometry.points.E.x;
+    c.E_y[i] = geometry.points.E.y;
+    c.E_z[i] = geometry.points.E.z;
+    c.g_x[i] = geometry.gradient.x;
+    c.g_y[i] = geometry.gradient.y;
+    c.g_z[i] = geometry.gradient.z;
   }
   c.set_count(matches.count);
 }

@@ -23,7 +23,7 @@ namespace evmarker {
 /// be within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
 class GridMatcher {
  public:
-  using Stretch = GridEdges::Stretch;
+  using Stretch = GridEdges::Stretch;  ///< a piece of a grid line with the edge on it, if any
 
   /// @throws std::invalid_argument like SegmentMatcher
   GridMatcher(MarkerModel model, double focal_length, SegmentMatcherSettings settings = {})
@@ -36,12 +36,12 @@ class GridMatcher {
         match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
         near_reach_(std::hypot(3 * max_distance_, end_margin_)),
         limit2_(max_distance_ * max_distance_),
-        // (d + ambiguity)^2 is at most that factor times d^2 and the offset; they meet half way to the maximal
-        // distance.
+        // rival_factor_ d^2 + rival_offset_ >= (d + ambiguity)^2 for every d, equal at half the maximal distance:
+        // compares with the runner-up without a square root.
         rival_factor_(1 + 2 * ambiguity_ / max_distance_),
         rival_offset_(ambiguity_ * (max_distance_ / 2 + ambiguity_)) {
     if (!(settings.ambiguity_px > 1e-6))
-      grid_.reset();  // ties, which rounding decides there, would have to be decided alike
+      grid_.reset();  // then rounding decides ties in SegmentMatcher, which the grid cannot reproduce
     if (!grid_) return;
     projected_ = ProjectedGrid(grid_->cells(), grid_->cell_length_m());
     stretches_of_line_ = grid_->stretches_of_line();
@@ -50,25 +50,25 @@ class GridMatcher {
 
   /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    on_grid_ = grid_ && projected_.project(T_camera_marker) && fits();
+    on_grid_ = grid_ && projected_.project(T_camera_marker) && update_bounds();
     if (on_grid_) {
-      lookup_ = projected_;
-      lookup_corners_ = lookup_.corners();
+      edge_choice_grid_ = projected_;
+      edge_choice_corners_ = edge_choice_grid_.corners();
     }
-    ++lookups_;
+    ++edge_choices_;
     return on_grid_ || segments_.project(T_camera_marker);
   }
 
-  /// Sets the pose, but events go on matching the edges that they matched at the last `project`, at their new places,
-  /// if the marker's corners have moved by less than that since then.
-  bool move(const Eigen::Isometry3d& T_camera_marker, double pixels) noexcept {
-    if (on_grid_ && projected_.project(T_camera_marker) && projected_.near(lookup_corners_, pixels / focal_length_))
-        [[likely]]
+  /// Sets the pose. While no corner has moved by `max_shift_px` since the last `project`, events keep the edges that
+  /// were chosen there, and only their distances are taken at the new pose; otherwise the same as `project`.
+  bool move(const Eigen::Isometry3d& T_camera_marker, double max_shift_px) noexcept {
+    if (on_grid_ && projected_.project(T_camera_marker) &&
+        projected_.near(edge_choice_corners_, max_shift_px / focal_length_)) [[likely]]
       return true;
     return project(T_camera_marker);
   }
-  /// Counts the poses at which edges were chosen: `project`, and `move` beyond its limit.
-  unsigned lookups() const noexcept { return lookups_; }
+  /// Changes whenever edges are chosen at a new pose, by `project`, or by `move` beyond its limit.
+  unsigned edge_choices() const noexcept { return edge_choices_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
@@ -85,54 +85,59 @@ class GridMatcher {
 
   /// Finds only the edge, without the points in space; requires `on_grid()`.
   [[gnu::always_inline]] Choice choose(Vec2 m) const noexcept {
-    const Sight sight = lookup_.sight(m);
-    if (!lookup_.within(fringe_, sight)) return {MatchResult::far};
-    const Lines lines = lookup_.nearest_lines(sight);
+    const Sight sight = edge_choice_grid_.sight(m);
+    if (!edge_choice_grid_.within(fringe_, sight)) return {MatchResult::far};
+    const Lines lines = edge_choice_grid_.nearest_lines(sight);
     Choice choice;
-    if (choose(lines, choice)) [[likely]]
+    if (try_choose(lines, choice)) [[likely]]
       return choice;
     return choose_carefully(sight, lines);
   }
 
-  /// The same for an event that the batch version has left undecided.
-  Choice choose_carefully(Vec2 m) const noexcept {
-    const Sight sight = lookup_.sight(m);
-    return choose_carefully(sight, lookup_.nearest_lines(sight));
-  }
-
-  /// For each of some events the number of the stretch that it matches, or one of these.
+  /// What `choose_many` finds for each event: the number of its `stretch`, or one of the negative codes. Ambiguous
+  /// events are kUnsure.
   struct Choices {
     static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_carefully` decides
     static constexpr std::size_t kMost = NearestLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
 
-  /// Batch version of `choose`: for `count` events from `first` on.
-  void choose(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
+  /// Batch version of `choose`, for `count` events from `first` on, at most Choices::kMost; requires `on_grid()`. Up to
+  /// the next multiple of simd::kLanes, results are written that mean nothing.
+  void choose_many(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
     NearestLines lines;
     const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
     const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
     const Stretch* const stretches = grid_->stretches();
     simd::in_wide_vectors([&]() __attribute__((always_inline)) {
-      nearest_lines(lookup_, fringe_, end_margin_cells_, events, first, count, lines);
+      nearest_lines(edge_choice_grid_, fringe_, end_margin_cells_, events, first, count, lines);
       for (std::size_t from = 0; from < count; from += simd::kLanes)
         for (std::size_t i = from; i < from + simd::kLanes; ++i) {
           const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
           const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);
-          const double x_most = simd::larger(lines.squared[0][i], stretches[x].at_most);
-          const double y_most = simd::larger(lines.squared[1][i], stretches[y].at_most),
-                       best = simd::smaller(y_most, x_most);
-          const double x_least = simd::larger(lines.squared[0][i], stretches[x].at_least);
-          const double y_least = simd::larger(lines.squared[1][i], stretches[y].at_least);
-          int choice = y_most < x_most ? y : x;
-          choice = best <= limit2 ? choice : Choices::kUnsure;
-          choice = simd::larger(x_least, y_least) > rival_factor * best + rival_offset ? choice : Choices::kUnsure;
-          const int no_match = best <= 9 * limit2 ? Choices::kNear : Choices::kUnsure;
-          choice = simd::smaller(x_least, y_least) > limit2 ? no_match : choice;
+          // Bounds of the squared distances to the edges on both lines. Matched: one edge is surely within reach, and
+          // the other is surely no rival. No match: both are surely out of reach; near if one is surely within three
+          // times the reach, else unsure, as an edge on a third line may be near.
+          const double x_upper = simd::larger(lines.squared[0][i], stretches[x].at_most);
+          const double y_upper = simd::larger(lines.squared[1][i], stretches[y].at_most);
+          const double x_lower = simd::larger(lines.squared[0][i], stretches[x].at_least);
+          const double y_lower = simd::larger(lines.squared[1][i], stretches[y].at_least);
+          const double nearest = simd::smaller(y_upper, x_upper);
+          int choice = y_upper < x_upper ? y : x;
+          choice = nearest <= limit2 ? choice : Choices::kUnsure;
+          choice = simd::larger(x_lower, y_lower) > rival_factor * nearest + rival_offset ? choice : Choices::kUnsure;
+          const int no_match = nearest <= 9 * limit2 ? Choices::kNear : Choices::kUnsure;
+          choice = simd::smaller(x_lower, y_lower) > limit2 ? no_match : choice;
           choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
           choices.stretch[i] = lines.within[i] > 0.5 ? choice : Choices::kFar;
         }
     });
+  }
+
+  /// Decides about an event for which `choose_many` has found kUnsure.
+  Choice choose_carefully(Vec2 m) const noexcept {
+    const Sight sight = edge_choice_grid_.sight(m);
+    return choose_carefully(sight, edge_choice_grid_.nearest_lines(sight));
   }
 
   /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose.
@@ -146,14 +151,14 @@ class GridMatcher {
   const ProjectedGrid& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  /// @param around the least width of what it contains around a code marker [cells]
-  Box reach(double around = 0) const noexcept {
+  /// @param border_cells around a code marker, the least width of what it contains [cells]
+  Box reach(double border_cells = 0) const noexcept {
     if (!on_grid_) return segments_.reach();
-    const double fringe = std::max(fringe_, around);
+    const double fringe = std::max(fringe_, border_cells);
     Box box;
-    for (const double x : {-fringe, lookup_.cells() + fringe})
-      for (const double y : {-fringe, lookup_.cells() + fringe}) {
-        const Vec3 P = lookup_.point(x, y);
+    for (const double x : {-fringe, edge_choice_grid_.cells() + fringe})
+      for (const double y : {-fringe, edge_choice_grid_.cells() + fringe}) {
+        const Vec3 P = edge_choice_grid_.point(x, y);
         if (!(P.z > 0)) return Box::everywhere();
         box.extend(on_plane(P));
       }
@@ -171,13 +176,13 @@ class GridMatcher {
   using Lines = ProjectedGrid::Lines;
   using Line = ProjectedGrid::Line;
 
-  // The common case, nineteen of twenty events on the marker: beside one edge, and far enough from others and from
-  // ends. No branch before the last, and that one can be foreseen. False for anything else.
-  [[gnu::always_inline]] bool choose(const Lines& lines, Choice& choice) const noexcept {
+  // The common case, 19 of 20 events on the marker: beside one edge, far from others and from ends. Both branches are
+  // predictable. False: undecided.
+  [[gnu::always_inline]] bool try_choose(const Lines& lines, Choice& choice) const noexcept {
     if (!(simd::smaller(lines.foot_w[0], lines.foot_w[1]) > 0)) [[unlikely]]
       return false;  // beyond the horizon
     const simd::Pair foot = simd::smaller(simd::larger(lines.foot_a / lines.foot_w, simd::Pair{} - 0.5),
-                                          simd::Pair{} + (lookup_.cells() + 0.5));
+                                          simd::Pair{} + (edge_choice_grid_.cells() + 0.5));
     // In a cell, both of these are its number; around a grid point, they differ by one.
     const simd::Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedGrid::kRounding;
     const simd::Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedGrid::kRounding;
@@ -201,63 +206,65 @@ class GridMatcher {
   [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
     const std::size_t first = lines.squared[1] < lines.squared[0], second = 1 - first;
     if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
-    const Place place = place_on(ProjectedGrid::line(lines, first));
+    const EdgeAtFoot place = edge_at_foot(ProjectedGrid::line(lines, first));
     if (!place.edge) {
       if (!(lines.squared[second] <= limit2_)) return {near_or_far(sight, lines)};
-      const Place other = place_on(ProjectedGrid::line(lines, second));
+      const EdgeAtFoot other = edge_at_foot(ProjectedGrid::line(lines, second));
       if (!other.edge) return {near_or_far(sight, lines)};
       return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
     const double rival = std::sqrt(lines.squared[first]) + ambiguity_;
-    if (place.tie || (lines.squared[second] < rival * rival && place_on(ProjectedGrid::line(lines, second)).edge))
+    if (place.tie || (lines.squared[second] < rival * rival && edge_at_foot(ProjectedGrid::line(lines, second)).edge))
       return {MatchResult::ambiguous};
     return {MatchResult::matched, place.edge};
   }
 
-  // What lies where the event's foot is on a line.
-  struct Place {
+  // The edge at the foot of the perpendicular from an event to a grid line.
+  struct EdgeAtFoot {
     const Stretch* edge = nullptr;  // none: the event is not beside an edge
     bool tie = false;               // two edges, dark on different sides, meet there
   };
 
-  Place place_on(const Line& line) const noexcept {
+  EdgeAtFoot edge_at_foot(const Line& line) const noexcept {
     if (!(line.foot_w > 0)) return {};  // beyond the horizon
-    const double foot = std::min(std::max(-0.5, line.foot_a / line.foot_w), lookup_.cells() + 0.5);
+    const double foot = std::min(std::max(-0.5, line.foot_a / line.foot_w), edge_choice_grid_.cells() + 0.5);
     const int cell = static_cast<int>(foot + 1) - 1;
     const double past_point = foot - cell;
     if (past_point < end_margin_cells_ || past_point > 1 - end_margin_cells_)
-      return place_at_end(line, cell + (past_point > 0.5));
-    return {on(grid_->stretch(line.coordinate, static_cast<int>(line.k), cell)), false};
+      return edge_at_end(line, cell + (past_point > 0.5));
+    return {edge_or_null(grid_->stretch(line.coordinate, static_cast<int>(line.k), cell)), false};
   }
 
-  // Near a grid point, where an edge may end: it reaches beyond its end by the margin.
-  Place place_at_end(const Line& line, int point) const noexcept {
+  // The same within the margin of a grid point: edges that end there are extended by the margin, so that two may meet.
+  EdgeAtFoot edge_at_end(const Line& line, int point) const noexcept {
     const Stretch& before = grid_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
-    const Stretch& behind = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
-    if (before.segment == behind.segment) return {on(behind), false};
+    const Stretch& after = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
+    if (before.segment == after.segment) return {edge_or_null(after), false};
     const double beyond = line.foot_a - point * line.foot_w;
-    if (!(std::abs(beyond) <= lookup_.at_point(line, point, end_margin_)))
-      return {on(beyond < 0 ? before : behind), false};
-    return {on(before) ? on(before) : on(behind), on(before) && on(behind)};
+    if (!(std::abs(beyond) <= edge_choice_grid_.at_point(line, point, end_margin_)))
+      return {edge_or_null(beyond < 0 ? before : after), false};
+    return {edge_or_null(before) ? edge_or_null(before) : edge_or_null(after),
+            edge_or_null(before) && edge_or_null(after)};
   }
 
-  static const Stretch* on(const Stretch& stretch) noexcept { return stretch.dark != 0 ? &stretch : nullptr; }
+  static const Stretch* edge_or_null(const Stretch& stretch) noexcept { return stretch.dark != 0 ? &stretch : nullptr; }
 
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
   [[gnu::noinline]] MatchResult near_or_far(const Sight& sight, const Lines& lines) const noexcept {
-    const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && place_on(line).edge; };
+    const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && edge_at_foot(line).edge; };
     if (beside(ProjectedGrid::line(lines, 0)) || beside(ProjectedGrid::line(lines, 1))) return MatchResult::near;
     for (std::size_t coordinate = 0; coordinate < 2; ++coordinate) {
       const double from = std::max(0.0, std::ceil(sight.a[coordinate] / sight.w - fringe_));
-      const double to = std::min(lookup_.cells(), sight.a[coordinate] / sight.w + fringe_);
+      const double to = std::min(edge_choice_grid_.cells(), sight.a[coordinate] / sight.w + fringe_);
       for (double k = from; k <= to; ++k)
-        if (beside(lookup_.line(coordinate, k, sight))) return MatchResult::near;
+        if (beside(edge_choice_grid_.line(coordinate, k, sight))) return MatchResult::near;
     }
     return MatchResult::far;
   }
 
-  // True if no event can be within reach of more than its two nearest lines.
-  bool fits() noexcept {
+  // Updates fringe_ and end_margin_cells_ for the projected pose. False if an event could be within reach of more than
+  // its two nearest lines.
+  bool update_bounds() noexcept {
     const double rate = projected_.bound_rate(near_reach_);
     if (rate == rate_) return fits_;
     rate_ = rate;
@@ -269,8 +276,8 @@ class GridMatcher {
 
   SegmentMatcher segments_;
   std::optional<GridEdges> grid_;
-  ProjectedGrid projected_;  // at the present pose: where edges are
-  ProjectedGrid lookup_;     // at that of the last `project`: which edge an event belongs to
+  ProjectedGrid projected_;         // at the present pose: where edges are
+  ProjectedGrid edge_choice_grid_;  // at that of the last `project`: which edge an event belongs to
   double focal_length_;
   double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
   double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
@@ -279,10 +286,10 @@ class GridMatcher {
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;
-  ProjectedGrid::Corners lookup_corners_;
-  unsigned lookups_ = 0;
+  ProjectedGrid::Corners edge_choice_corners_;
+  unsigned edge_choices_ = 0;
   double rate_ = 0;              // that the following were computed for
-  bool fits_ = false;            // see fits()
+  bool fits_ = false;            // see update_bounds()
   double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
   double end_margin_cells_ = 0;  // at most
 };

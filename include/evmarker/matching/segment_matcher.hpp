@@ -17,7 +17,7 @@ namespace evmarker {
 
 struct SegmentMatcherSettings {
   double max_distance_px = 2;  ///< Eq. (1): farther events are discarded
-  double end_margin_px = 0.5;  ///< how far beyond the ends of a segment the foot of an event may lie
+  double end_margin_px = 0.5;  ///< how far beyond its ends a segment reaches for events
   double ambiguity_px = 0.2;   ///< the runner-up must be this much farther than the best, or the event is discarded
 };
 
@@ -29,9 +29,14 @@ inline void validate(const SegmentMatcherSettings& settings) {
   require(settings.ambiguity_px >= 0, "ambiguity_px", settings.ambiguity_px);
 }
 
-/// What an event was matched to. `contradicting`: an edge that moves the other way, by a motion that only the caller
-/// has.
-enum class MatchResult { matched, ambiguous, contradicting, near, far };
+/// What an event was matched to.
+enum class MatchResult {
+  matched,
+  ambiguous,      ///< two segments are nearly equally near
+  contradicting,  ///< its polarity contradicts the motion of its edge: a result of EdgeFollower, not of the matchers
+  near,           ///< not matched, but beside a segment and within three times the maximal distance
+  far
+};
 
 /// Matches events to the nearest segment of a wireframe at one pose. Distances are in undistorted pixels.
 class SegmentMatcher {
@@ -48,9 +53,9 @@ class SegmentMatcher {
   }
 
   /// Projects the wireframe at a pose, without the edges on faces that are turned away. False, and no event matches,
-  /// while any vertex is not in front of the camera or not finite, or no edge is to be seen.
+  /// while any vertex is not in front of the camera or not finite, or no edge faces the camera.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
-    box_ = {};
+    box_ = {};  // empty: nothing matches unless this succeeds
     Box box;
     for (std::size_t i = 0; i < vertices_.size(); ++i) {
       vertices_[i] = transform(T_camera_marker, model_.vertices[i]);
@@ -64,24 +69,23 @@ class SegmentMatcher {
       segments_[count_] = project(edge, T_camera_marker);
       segments_[count_++].index = static_cast<int>(i);
     }
-    if (count_ > 0) box_ = box.widened(std::hypot(3 * settings_.max_distance_px, settings_.end_margin_px));
+    if (count_ > 0) box_ = box.widened(std::hypot(kNearFactor * settings_.max_distance_px, settings_.end_margin_px));
     return count_ > 0;
   }
 
-  /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `near` means beside some segment and
-  /// within three times the maximal distance of it, `far` anything else; `correspondence` holds the match if the result
-  /// is `matched`, and nothing of use otherwise.
+  /// Finds the segment of an event with line of sight (m; 1), Eqs. (1) to (5). `correspondence` is valid if the result
+  /// is `matched`.
   MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
     const Vec2 u = focal_length_ * m;
     if (!box_.contains(u)) return MatchResult::far;
     const auto [segment, distance_px, second_px] = nearest_two(u);
     const double best_px = std::abs(distance_px);
-    if (!(best_px < 3 * settings_.max_distance_px)) return MatchResult::far;
+    if (!(best_px < kNearFactor * settings_.max_distance_px)) return MatchResult::far;
     if (best_px > settings_.max_distance_px) return MatchResult::near;
     if (second_px - best_px < settings_.ambiguity_px) return MatchResult::ambiguous;
     const Vec3 M{m.x, m.y, 1};
     const ClosestPoints points = closest_points(segment->V, segment->S, 0, 1, M);
-    if (!points.exist) return MatchResult::near;
+    if (!points.valid) return MatchResult::near;
     const Vec2 normal{segment->line.x, segment->line.y};
     correspondence.segment = segment->index;
     correspondence.distance_px = distance_px;
@@ -101,6 +105,8 @@ class SegmentMatcher {
   double focal_length() const noexcept { return focal_length_; }
 
  private:
+  static constexpr double kNearFactor = 3;  // up to this multiple of the maximal distance, events are near
+
   struct ProjectedSegment {
     Vec2 v;              // projected start [px]
     Vec2 direction;      // unit, along the segment
@@ -113,10 +119,11 @@ class SegmentMatcher {
 
   struct NearestTwo {
     const ProjectedSegment* segment;
-    double distance_px, second_px;  // signed, and of the runner-up
+    double distance_px;  // to `segment`, signed
+    double second_px;    // to the runner-up, absolute
   };
 
-  // Of the segments beside which a pixel lies.
+  // The nearest two of the segments that contain the foot of the perpendicular from u, end margin included.
   NearestTwo nearest_two(Vec2 u) const noexcept {
     constexpr double kNone = std::numeric_limits<double>::infinity();
     double best = kNone;
@@ -126,7 +133,7 @@ class SegmentMatcher {
       const double foot = dot(u - segment.v, segment.direction), distance = line_distance(segment.line, u);
       const bool beside = std::abs(foot - segment.half_length) <= segment.half_length + settings_.end_margin_px;
       const double d = beside ? std::abs(distance) : kNone;
-      nearest.second_px = std::min(nearest.second_px, std::max(best, d));
+      nearest.second_px = std::min(nearest.second_px, std::max(best, d));  // the farther of d and the best so far
       if (d < best) {
         best = d;
         nearest.segment = &segment;
@@ -149,7 +156,7 @@ class SegmentMatcher {
     s.direction = length > 0 ? along / length : Vec2(1, 0);
     s.half_length = length / 2;
     Vec2 normal{-s.direction.y, s.direction.x};
-    // Where the middle of the edge would move in the image if it moved into the dark.
+    // Image motion of the edge's middle when it moves into the dark, up to a factor: d(X/Z) = (Z dX - X dZ) / Z^2.
     const Vec3 middle = s.V + s.S / 2, dark = rotate(T_camera_marker, edge.dark_side);
     const double toward_dark = dot(normal, middle.z * Vec2(dark.x, dark.y) - dark.z * Vec2(middle.x, middle.y));
     s.dark_side_known = toward_dark != 0;

@@ -45,6 +45,7 @@ enum class LossReason {
   events_missing,  ///< events were dropped for longer than its motion could be predicted
   not_confirmed    ///< it never came to be `tracking`
 };
+inline constexpr std::size_t kLossReasons = 8;
 
 constexpr const char* to_string(LossReason reason) noexcept {
   switch (reason) {

@@ -17,7 +17,7 @@ class ChoiceLifetime {
   }
 
   /// Counts an update. True if edges must be chosen at the pose that it leads to.
-  bool over_after_update() noexcept { return ++updates_ >= most_updates_; }
+  bool count_update() noexcept { return ++updates_ >= most_updates_; }
 
   /// True if no update has passed since the edges were chosen.
   bool fresh() const noexcept { return updates_ == 0; }

@@ -17,53 +17,55 @@
 
 namespace evmarker {
 
-/// Gives every event to the markers that it may belong to and that no other marker hides there: at once, or in groups.
+/// The announced markers. Gives each event to every marker whose edges may have made it, unless another marker hides
+/// that one there: at once, or queued, so that each marker gets its events in groups.
 template <PoseUpdateRule Rule>
 class ConfirmedMarkers {
  public:
-  ConfirmedMarkers(const UndistortionTable& lines, std::size_t max_markers)
-      : lines_(lines), tiles_(lines), inboxes_(max_markers) {
+  ConfirmedMarkers(const UndistortionTable& lines_of_sight, std::size_t max_markers)
+      : lines_of_sight_(lines_of_sight), tiles_(lines_of_sight), inboxes_(max_markers) {
     markers_.reserve(max_markers);
   }
 
+  /// There must be room, and no events may be queued; likewise for `erase` and `remove_lost`.
   void add(PlanarHypotheses<Rule> marker) {
     markers_.push_back(std::move(marker));
-    place_all();
+    update_all_tiles();
   }
   void erase(MarkerId id) {
     std::erase_if(markers_, [id](const auto& marker) { return marker.id() == id; });
-    place_all();
+    update_all_tiles();
   }
 
-  /// Calls `use(pose)` with each pose that the event leads to.
+  /// Gives the event to its markers and calls `use(pose)` with each pose that it leads to.
   template <std::invocable<const PoseEstimate&> Use>
   void push(const Event& event, const Use& use) {
     const auto push_to = [&](std::size_t i) { push_to_marker(i, std::span(&event, 1), use); };
-    if (tiles_.shared(event, lines_)) [[unlikely]]
+    if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]
       for_each_visible_at(event, push_to);
     else
       tiles_.for_each_at(event, push_to);
   }
 
-  /// The same in groups, at the next `push_waiting` at the latest. Where markers meet, whose event it is depends on
-  /// their present poses: a marker that its waiting events may move takes these first.
+  /// Queues the event; its markers get it at the next `flush` at the latest. Where several markers may own it, it
+  /// depends on their poses which one hides which: queued events that may change one of these poses are flushed first.
   template <std::invocable<const PoseEstimate&> Use>
-  void push_soon(const Event& event, const Use& use) {
-    if (tiles_.shared(event, lines_)) [[unlikely]]
-      return keep_where_markers_meet(event, use);
-    tiles_.for_each_at(event, [&](std::size_t i) { keep(i, event, use); });
+  void enqueue(const Event& event, const Use& use) {
+    if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]
+      return enqueue_where_shared(event, use);
+    tiles_.for_each_at(event, [&](std::size_t i) { enqueue_for(i, event, use); });
   }
 
-  /// Gives the markers their waiting events, one marker after the other.
+  /// Gives the markers their queued events, one marker after the other.
   template <std::invocable<const PoseEstimate&> Use>
-  void push_waiting(const Use& use) {
-    for (std::size_t i = 0; i < markers_.size(); ++i) push_waiting(i, use);
+  void flush(const Use& use) {
+    for (std::size_t i = 0; i < markers_.size(); ++i) flush(i, use);
   }
 
-  /// The same for those markers only that these events may move, or lose.
+  /// Flushes only those markers whose pose or state the queued events may change.
   template <std::invocable<const PoseEstimate&> Use>
-  void push_decisive(const Use& use) {
-    for (std::size_t i = 0; i < markers_.size(); ++i) push_decisive(i, use);
+  void flush_if_pose_may_change(const Use& use) {
+    for (std::size_t i = 0; i < markers_.size(); ++i) flush_if_pose_may_change(i, use);
   }
 
   /// See MarkerTracker::skip.
@@ -71,15 +73,22 @@ class ConfirmedMarkers {
   void skip(std::chrono::microseconds missing, const Use& use) {
     for (PlanarHypotheses<Rule>& marker : markers_)
       if (const PoseEstimate* const lost = marker.skip(missing)) use(*lost);
-    place_all();
+    update_all_tiles();
   }
 
   /// Removes the markers that were lost: `use(marker)` may move them away.
   template <std::invocable<PlanarHypotheses<Rule>&> Use>
   void remove_lost(const Use& use) {
-    for (PlanarHypotheses<Rule>& marker : markers_)
-      if (marker.lost()) use(marker);
-    if (std::erase_if(markers_, [](const auto& marker) { return marker.lost(); }) > 0) place_all();
+    const std::size_t before = markers_.size();
+    for (auto marker = markers_.begin(); marker != markers_.end();) {
+      if (marker->lost()) {
+        use(*marker);
+        marker = markers_.erase(marker);
+      } else {
+        ++marker;
+      }
+    }
+    if (markers_.size() < before) update_all_tiles();
   }
 
   PlanarHypotheses<Rule>* find(MarkerId id) noexcept {
@@ -93,7 +102,7 @@ class ConfirmedMarkers {
   bool any_lost() const noexcept { return std::ranges::any_of(markers_, &PlanarHypotheses<Rule>::lost); }
 
  private:
-  // The waiting events of one marker. Small, so that those of many markers fit the first level cache.
+  // The queued events of one marker. Small, so that those of many markers fit the first level cache.
   class Inbox {
    public:
     void push(const Event& event) noexcept { events_[count_++] = event; }
@@ -113,57 +122,58 @@ class ConfirmedMarkers {
       moved = true;
       use(pose);
     });
-    if (moved) place(i);
+    if (moved) update_tiles(i);
   }
 
   template <typename Use>
-  [[gnu::noinline]] void push_waiting(std::size_t i, const Use& use) {
+  [[gnu::noinline]] void flush(std::size_t i, const Use& use) {
     push_to_marker(i, inboxes_[i].events(), use);
     inboxes_[i].clear();
   }
 
   template <typename Use>
-  [[gnu::always_inline]] void keep(std::size_t i, const Event& event, const Use& use) {
+  [[gnu::always_inline]] void enqueue_for(std::size_t i, const Event& event, const Use& use) {
     inboxes_[i].push(event);
     if (inboxes_[i].full()) [[unlikely]]
-      push_waiting(i, use);
+      flush(i, use);
   }
   template <typename Use>
-  [[gnu::noinline]] void keep_where_markers_meet(const Event& event, const Use& use) {
-    tiles_.for_each_at(event, [&](std::size_t i) { push_decisive(i, use); });
-    for_each_visible_at(event, [&](std::size_t i) { keep(i, event, use); });
+  [[gnu::noinline]] void enqueue_where_shared(const Event& event, const Use& use) {
+    tiles_.for_each_at(event, [&](std::size_t i) { flush_if_pose_may_change(i, use); });
+    for_each_visible_at(event, [&](std::size_t i) { enqueue_for(i, event, use); });
   }
 
   template <typename Use>
-  void push_decisive(std::size_t i, const Use& use) {
-    if (!markers_[i].stays(inboxes_[i].events().size())) push_waiting(i, use);
+  void flush_if_pose_may_change(std::size_t i, const Use& use) {
+    if (!markers_[i].unchanged_by_next(inboxes_[i].events().size())) flush(i, use);
   }
 
-  // After any change of the list: the tiles hold places in it.
-  void place_all() {
+  // The tiles hold indices into markers_: after any change of it they are set up again.
+  void update_all_tiles() {
     tiles_.resize(markers_.size());
-    for (std::size_t i = 0; i < markers_.size(); ++i) place(i);
+    for (std::size_t i = 0; i < markers_.size(); ++i) update_tiles(i);
   }
 
-  // Enters where it may have events, and where its sheet may hide other markers.
-  void place(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kSheetRim : 0)); }
+  // Enters a marker into all tiles where it may have events or, if there are others, where its sheet may hide them.
+  void update_tiles(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kSheetRim : 0)); }
 
   // Not inlined: most events belong to one marker only.
   template <typename Use>
   [[gnu::noinline]] void for_each_visible_at(const Event& event, const Use& use) {
-    const Eigen::Vector2d m = lines_(event);
-    double nearest = 0;
-    tiles_.for_each_at(
-        event, [&](std::size_t i) { nearest = std::max(nearest, sheet_inverse_depth(markers_[i].tracker(), m)); });
+    const Eigen::Vector2d m = lines_of_sight_(event);
+    double nearest_inverse_depth = 0;
     tiles_.for_each_at(event, [&](std::size_t i) {
-      if (!hidden_by(nearest, markers_[i].tracker(), m)) use(i);
+      nearest_inverse_depth = std::max(nearest_inverse_depth, sheet_inverse_depth(markers_[i].tracker(), m));
+    });
+    tiles_.for_each_at(event, [&](std::size_t i) {
+      if (!hidden_by(nearest_inverse_depth, markers_[i].tracker(), m)) use(i);
     });
   }
 
-  UndistortionTable lines_;
+  UndistortionTable lines_of_sight_;
   TileMap tiles_;
   std::vector<PlanarHypotheses<Rule>> markers_;
-  std::vector<Inbox> inboxes_;
+  std::vector<Inbox> inboxes_;  // by index into markers_, empty whenever that changes
 };
 
 }  // namespace evmarker

@@ -18,8 +18,8 @@ namespace evmarker {
 template <PoseUpdateRule Rule>
 struct EdgeFollowerSettings {
   /// The paper's n, matched events. Automatic: as many as the edges make while they move by a tenth of a pixel, at most
-  /// the paper's 100. For a rule without a motion model, which lags behind the motion: as if a pixel made one event in
-  /// a passage, the fewest that there are.
+  /// the paper's 100. For a rule without a motion model, one event per pixel and passage of an edge is assumed, even if
+  /// there are more: it is updated more often and lags less.
   int events_per_update = kAutomatic;
   SegmentMatcherSettings matching{};  ///< the paper's segment matching
   typename Rule::Settings update{};   ///< gains of the update rule
@@ -92,9 +92,9 @@ class EdgeFollower {
   }
 
   /// True if events can be pushed in groups at the present pose.
-  bool in_groups() const noexcept { return matcher_.on_grid() && !polarity_check_; }
+  bool accepts_groups() const noexcept { return matcher_.on_grid() && !polarity_check_; }
 
-  /// Takes events of a group from number `first` on, faster than one by one; requires `in_groups()`.
+  /// Takes events of a group from number `first` on, faster than one by one; requires `accepts_groups()`.
   /// @param after called with the number of each event and its Result; false ends the push after this event
   /// @return the number of the first event that was not taken
   template <typename After>
@@ -102,11 +102,11 @@ class EdgeFollower {
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
     const std::size_t end = std::min(events.count(), first + matched_at_once());
     GridMatcher::Choices choices;
-    matcher_.choose(events, first, end - first, choices);
+    matcher_.choose_many(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
       const Vec2 m{events.x[i], events.y[i]};
       GridMatcher::Choice choice;
-      const int stretch = choices.stretch[i - first];
+      const int stretch = choices.stretch[i - first];  // number of the matched GridEdges::Stretch, or a negative code
       if (stretch >= 0) [[likely]]
         choice.edge = &matcher_.stretch(stretch);
       else if (stretch != GridMatcher::Choices::kUnsure)
@@ -115,30 +115,32 @@ class EdgeFollower {
         choice = matcher_.choose_carefully(m);
       const Result result = collect(m, events.t[i], events.polarity[i], choice);
       const bool go_on = after(i, result);
-      if (!go_on || (result.updated && choices_.fresh())) return i + 1;
+      const bool outdated = result.updated && choice_lifetime_.fresh();  // edges have just been chosen anew
+      if (!go_on || outdated) return i + 1;
     }
     return end;
   }
 
-  /// Sets how many events a pixel makes while an edge passes over it, see EdgeFollowerSettings::events_per_update. To
-  /// be called between updates only.
-  void expect_events_per_px2(double events) noexcept {
-    if constexpr (requires { rule_.expect_events_per_px2(T_camera_marker_, events); }) {
-      rule_.set_events_per_px(events * length_px(), events);
+  /// Sets how many events a pixel makes while an edge passes over it: for `events_per_update`, and for the rule's trail
+  /// and bound of the motion. With a rule that estimates the trail, the first call also corrects its state and so the
+  /// pose. To be called between updates only.
+  void set_events_per_passage(double events) noexcept {
+    if constexpr (requires { rule_.measure_trail(T_camera_marker_, events); }) {
+      rule_.bound_motion_by_events(events * length_px(), events);
       if (std::exchange(events_per_px2_, events) > 0) return;
-      rule_.expect_events_per_px2(T_camera_marker_, events);
+      rule_.measure_trail(T_camera_marker_, events);
       start_from(T_camera_marker_);
-    } else if constexpr (requires { rule_.expect_events_per_px2(events, matcher_.focal_length()); }) {
-      rule_.expect_events_per_px2(events, matcher_.focal_length());
+    } else if constexpr (requires { rule_.set_trail_by_event_density(events, matcher_.focal_length()); }) {
+      rule_.set_trail_by_event_density(events, matcher_.focal_length());
     }
   }
-  /// From here on the pose is right, so that many events beside the edges mean that the marker rests, see
-  /// BackgroundShare.
-  void let_rest() noexcept { may_rest_ = true; }
+  /// To be called once the pose is known to be right: many events beside the edges then mean that there is only
+  /// background and the marker rests, see BackgroundShare.
+  void enable_rest_detection() noexcept { may_rest_ = true; }
   int events_per_update() const noexcept { return events_per_update_; }
 
-  /// Number of events of a motion long enough to determine the pose: two for each pixel of the edges, at most 500.
-  int edge_events() const noexcept { return static_cast<int>(std::clamp(2 * length_px(), 20.0, 500.0)); }
+  /// How many events are enough to determine the pose: two per pixel of edge length, from 20 to 500.
+  int events_to_fix_pose() const noexcept { return static_cast<int>(std::clamp(2 * length_px(), 20.0, 500.0)); }
 
   /// Matched events that the next update still needs.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
@@ -157,16 +159,17 @@ class EdgeFollower {
     start_from(T_camera_marker_);
   }
 
-  /// Prepares for past events, the newest first, with times that go on forward.
+  /// Prepares for past events, the newest first. The caller mirrors their times, so that they still increase.
   void reverse() noexcept {
     rule_.reverse();
     reversed_ = !reversed_;
     start_collecting();
-    expect_motion();
+    refresh_twist();
   }
 
-  /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most
-  /// one: any farther it is noise or another edge's. With a rule that lags behind the motion it may yet be its own.
+  /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most 1:
+  /// an event farther away is noise or another edge's. For a rule without a motion model, whose pose lags, at most the
+  /// squared matching distance.
   double misfit_px2(Vec2 m, double polarity) const noexcept {
     const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px(), most_px2 = most_px * most_px;
     Correspondence c;
@@ -186,7 +189,7 @@ class EdgeFollower {
   int skipped_updates() const noexcept { return skipped_updates_; }
 
  private:
-  static constexpr int kFewestTogether = 4;
+  static constexpr int kFewestForBatch = 4;
   static constexpr int kMostEvents = 100;    // the paper's n
   static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
   // Edges are chosen anew when a corner has moved farther than this [px]. Without a motion model the pose moves to and
@@ -202,13 +205,14 @@ class EdgeFollower {
       if (std::abs(events - events_per_update_) > events_per_update_ / 8.0)
         set_events_per_update(static_cast<int>(events));
     }
-    if constexpr (RestingRule<Rule>)
-      if (std::abs(length_px - sampled_length_px_) > length_px / 8) sample_background(length_px);
-    choices_.begin(length_px, events_per_update_);
+    if constexpr (NoiseAwareRule<Rule>)
+      if (std::abs(length_px - measured_length_px_) > length_px / 8) measure_matching_share(length_px);
+    choice_lifetime_.begin(length_px, events_per_update_);
   }
 
-  // Which share of a uniform background near the edges matches them, by points spread evenly there.
-  void sample_background(double length_px) noexcept {
+  // Measures, with quasi-random points, which share of the area near the edges is matched: the share of a uniform
+  // background that matches by chance.
+  void measure_matching_share(double length_px) noexcept {
     constexpr int kPoints = 512;
     constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
     const Box box = matcher_.reach();
@@ -222,7 +226,7 @@ class EdgeFollower {
       near += match != MatchResult::far;
     }
     if (near > 0) background_.expect_matching(static_cast<double>(matching) / near);
-    sampled_length_px_ = length_px;
+    measured_length_px_ = length_px;
   }
 
   // Of all edges, as if seen from the front.
@@ -233,32 +237,33 @@ class EdgeFollower {
   void set_events_per_update(int events) noexcept {
     events_per_update_ = events;
     rule_.set_events_per_update(events);
-    added_together_ = GroupUpdateRule<Rule> && events >= kFewestTogether && !polarity_check_;
+    adds_in_batches_ = BatchUpdateRule<Rule> && events >= kFewestForBatch && !polarity_check_;
   }
 
   Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
-  // How many events to match together: any later ones would have to be matched again.
+  // How many events to match in one batch: as many as may be matched before edges are chosen anew, a quarter more as
+  // not all match, in whole lanes. Choices for any later events would be outdated before they are used.
   std::size_t matched_at_once() const noexcept {
-    const auto left = static_cast<std::size_t>(choices_.events_left(events_per_update_, matched_));
+    const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
 
   // True if the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
   // backwards in time it moves out of the dark, and yet its events are the same. A wrong twist must not discard the
   // events that would correct it: if most of an edge's last events contradict, they all count.
-  bool contradicts(const Correspondence& c, bool on) noexcept {
+  bool count_contradiction(const Correspondence& c, bool on) noexcept {
     if (!c.dark_side_known) return false;
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);
     const double speed_px_per_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
     if (!(std::abs(speed_px_per_s) > polarity_check_px_per_s_)) return false;
     const bool brighter = (speed_px_per_s > 0) != reversed_;
     float& share = contradicted_[static_cast<std::size_t>(c.segment)];
-    share += ((brighter != on ? 1.0f : 0.0f) - share) / 8;  // six in a row reach the half
+    share += ((brighter != on ? 1.0f : 0.0f) - share) / 8;  // six contradictions in a row reach the half
     return brighter != on && share < 0.5f;
   }
 
-  void expect_motion() noexcept {
+  void refresh_twist() noexcept {
     if constexpr (MotionEstimatingRule<Rule>)
       if (polarity_check_) twist_ = rule_.twist();
   }
@@ -271,7 +276,7 @@ class EdgeFollower {
       ++offered_;
       return {choice.result};
     }
-    if (added_together_) {
+    if (adds_in_batches_) {
       ++offered_;
       waiting_.set(waiting_.count++, m.x, m.y, t, polarity, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
@@ -288,7 +293,8 @@ class EdgeFollower {
     ++offered_;
     if (match != MatchResult::matched) return {match};
     if constexpr (MotionEstimatingRule<Rule>)
-      if (twist_ && polarity != 0 && contradicts(correspondence, polarity > 0)) return {MatchResult::contradicting};
+      if (twist_ && polarity != 0 && count_contradiction(correspondence, polarity > 0))
+        return {MatchResult::contradicting};
     correspondence.t = t;
     correspondence.polarity = polarity;
     rule_.add(correspondence, T_camera_marker_);
@@ -303,13 +309,15 @@ class EdgeFollower {
   }
 
   [[gnu::noinline]] void add_waiting() noexcept {
-    if constexpr (GroupUpdateRule<Rule>) {
+    if constexpr (BatchUpdateRule<Rule>) {
       simd::in_wide_vectors([&]() __attribute__((always_inline)) {
         Correspondences c;
         correspond(matcher_.projected(), waiting_, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
-        for (std::size_t i = 0; i < simd::kLanes; ++i) c.distance_px[i] *= c.is_event[i] * c.distance_px[i];
-        squared_px_ += simd::sum(c.distance_px);
+        alignas(64) simd::Lanes squared_px;
+        for (std::size_t i = 0; i < simd::kLanes; ++i)
+          squared_px[i] = c.is_event[i] * c.distance_px[i] * c.distance_px[i];
+        squared_px_ += simd::sum(squared_px);
       });
       waiting_.count = 0;
     }
@@ -318,18 +326,18 @@ class EdgeFollower {
   // Not inline: that takes registers from every event. 5 to 10 % faster at n = 100, 3 % slower at n = 1.
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
-    if constexpr (RestingRule<Rule>)
-      if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.expect_signal(background_.signal());
+    if constexpr (NoiseAwareRule<Rule>)
+      if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.set_signal_weight(background_.signal());
     start_collecting();
     if (!rule_.update(T_camera_marker_, t)) {
       ++skipped_updates_;
       return false;
     }
-    const unsigned lookups = matcher_.lookups();
-    in_front_ = choices_.over_after_update() ? matcher_.project(T_camera_marker_)
-                                             : matcher_.move(T_camera_marker_, kChoiceHolds_px);
-    if (matcher_.lookups() != lookups) adapt_to_distance();
-    expect_motion();
+    const unsigned choices = matcher_.edge_choices();
+    in_front_ = choice_lifetime_.count_update() ? matcher_.project(T_camera_marker_)
+                                                : matcher_.move(T_camera_marker_, kChoiceHolds_px);
+    if (matcher_.edge_choices() != choices) adapt_to_distance();
+    refresh_twist();
     return true;
   }
 
@@ -352,10 +360,10 @@ class EdgeFollower {
   UpdateStatistics last_update_;
   BackgroundShare background_;
   bool may_rest_ = false;
-  double sampled_length_px_ = 0;  // of the edges when the background was sampled
-  bool added_together_ = false;
+  double measured_length_px_ = 0;  // of the edges when the matching share was measured
+  bool adds_in_batches_ = false;
   double edge_length_m_ = 0;  // of the model
-  ChoiceLifetime choices_;
+  ChoiceLifetime choice_lifetime_;
   bool polarity_check_;
   double polarity_check_px_per_s_;
   bool reversed_ = false;

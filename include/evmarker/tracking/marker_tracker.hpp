@@ -29,8 +29,8 @@ template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
  public:
   using Settings = MarkerTrackerSettings<Rule>;
-  /// A gap that does no harm: in it, an edge at 2000 px/s moves by the matching distance.
-  static constexpr std::chrono::milliseconds kBriefly{1};
+  /// Shorter gaps are ignored: in this time, an edge at 2000 px/s moves by no more than the matching distance.
+  static constexpr std::chrono::milliseconds kHarmlessGap{1};
 
   /// @param camera anything that an UndistortionTable can be made of, or a table to share
   /// @param T_camera_marker first pose [m]
@@ -39,16 +39,18 @@ class MarkerTracker {
   MarkerTracker(const Camera& camera, MarkerModel model, const Eigen::Isometry3d& T_camera_marker,
                 const Settings& settings = {}, MarkerId id = 0)
       : settings_(settings),
-        lines_(camera),
-        follower_(std::move(model), lines_.focal_length(), T_camera_marker, follower_settings(settings)),
+        lines_of_sight_(camera),
+        follower_(std::move(model), lines_of_sight_.focal_length(), T_camera_marker, follower_settings(settings)),
         verification_(follower_, settings.verification),
-        health_(follower_.matcher().model(), lines_.focal_length(), settings.health),
+        health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
         centre_(centre(follower_.matcher().model())) {
     validate(settings);
     pose_.id = id;
     if (settings.start_search) {
-      const Box image{lines_.focal_length() * lines_.image().low, lines_.focal_length() * lines_.image().high};
-      start_search_.emplace(this->model(), lines_.focal_length(), image, T_camera_marker, *settings.start_search);
+      const Box image{lines_of_sight_.focal_length() * lines_of_sight_.image().low,
+                      lines_of_sight_.focal_length() * lines_of_sight_.image().high};
+      start_search_.emplace(this->model(), lines_of_sight_.focal_length(), image, T_camera_marker,
+                            *settings.start_search);
       starting_ = true;
     }
   }
@@ -71,9 +73,9 @@ class MarkerTracker {
   void push(const Events& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
       while (!block.empty()) {
-        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kTogether)));
+        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kTimesAtOnce)));
         if (count > 0) {
-          push_in_time(block.first(count), use);
+          push_checked(block.first(count), use);
           guard_.passed(block[count - 1].t);
         } else {
           push_suspect(block.front(), use);
@@ -83,12 +85,12 @@ class MarkerTracker {
     });
   }
 
-  /// Takes events whose times have been judged by the caller's own TimeGuard: as `push` otherwise.
+  /// As `push`, for events that the caller's own TimeGuard has passed.
   template <std::invocable<const PoseEstimate&> Use>
-  void push_in_time(std::span<const Event> events,
+  void push_checked(std::span<const Event> events,
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     while (!events.empty() && state_ != TrackingState::lost) {
-      const bool single = events.size() == 1 || starting_ || !follower_.in_groups();
+      const bool single = events.size() == 1 || starting_ || !follower_.accepts_groups();
       const std::size_t taken = single ? push_one(events.front(), use) : push_group(events, use);
       events = events.subspan(taken);
     }
@@ -97,20 +99,21 @@ class MarkerTracker {
   /// Events that were discarded because the events before and after contradict their times.
   std::uint64_t time_faults() const noexcept { return guard_.faults(); }
 
-  /// Goes on after a gap in which a queue or a camera dropped events. A rule that estimates the motion bridges it as
-  /// long as it predicts the edges to within the matching distance, any other one for a millisecond.
+  /// Goes on after a gap in which a queue or a camera dropped events. Gaps up to kHarmlessGap are ignored. Longer ones
+  /// are bridged if the rule estimates the motion and still predicts all vertices to within the matching distance; else
+  /// the marker is lost. A start search begins again.
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
-    if (state_ == TrackingState::lost || missing <= kBriefly) return nullptr;
+    if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
     if (searching()) {
       start_search_->forget();
       return nullptr;
     }
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = t_ + missing.count();
-      if (!starting_ && knows_edges(pose_at(t))) {
+      if (!starting_ && edges_within_matching_distance(pose_at(t))) {
         follower_.extrapolate(t);
-        verification_.start_window(follower_);
+        verification_.restart(follower_);
         t_ = t;
         return nullptr;
       }
@@ -118,48 +121,51 @@ class MarkerTracker {
     return &lose(LossReason::events_missing);
   }
 
-  /// The present estimate: of the last update, or the start.
+  /// The pose of the last update, or the start; its `t` is the time of the last event on or near the marker.
   PoseEstimate estimate() const noexcept {
     PoseEstimate pose = pose_;
-    return describe(pose);
+    return fill(pose);
   }
 
   /// The pose at a time at or after the last event, predicted by a rule that estimates the velocity. Its covariance
   /// grows with its age.
-  /// @param heard all events before this time have been pushed: until then it hardly grows, as a moving marker makes
-  /// some
-  PoseEstimate pose_at(Timestamp t, Timestamp heard = kNothingHeard) const noexcept {
-    return extrapolated(estimate(), follower_.rule(), t, heard);
+  /// @param pushed_until the caller has pushed all events before this time: until then, no events are a measurement,
+  /// too, as a moving marker would have made some, and the covariance hardly grows
+  PoseEstimate pose_at(Timestamp t, Timestamp pushed_until = kPushedUntilUnknown) const noexcept {
+    return extrapolated(estimate(), follower_.rule(), t, pushed_until);
   }
 
   /// Declares the marker lost, for a reason that only the caller knows. Returns the last pose.
   [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
     state_ = TrackingState::lost;
     pose_.quality.loss_reason = reason;
-    return report();
+    return refresh_pose();
   }
 
   /// Keeps the state `converging` while the caller has another pose that may be the right one.
   void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
   /// See EdgeFollower::misfit_px2.
   double misfit_px2(const Event& event) const noexcept {
-    return lines_.sensor_size().contains(event.x, event.y) ? follower_.misfit_px2(lines_(event), polarity(event)) : 0;
+    return lines_of_sight_.sensor_size().contains(event.x, event.y)
+               ? follower_.misfit_px2(lines_of_sight_(event), polarity(event))
+               : 0;
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
-  /// @param around the least width of what it contains around a code marker [cells]
-  Box reach(double around = 0) const noexcept {
-    return starting_ ? Box::everywhere() : follower_.matcher().reach(around);
+  /// @param border_cells around a code marker, the least width of what it contains [cells]
+  Box reach(double border_cells = 0) const noexcept {
+    return starting_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
   }
 
   /// True while it tracks and no evidence speaks against that.
   bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
 
-  /// True if no sequence of `events` events can change the pose, the state or `reliable()`.
-  bool stays(std::size_t events) const noexcept {
+  /// True only if no `events` further events, whichever they are, can change the pose, the state or `reliable()`. May
+  /// be false without need.
+  bool unchanged_by_next(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
     return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
-           health_.stays(events);
+           health_.unchanged_by_next(events);
   }
 
   /// True while the marker is searched around its start pose: the state is `converging`, there is no pose yet.
@@ -177,22 +183,24 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // An event that its time holds back, or that confirms one that was held back.
+  // Takes an event that the guard does not simply pass: it may be held, dropped, or release the one that was held
+  // first.
   template <typename Use>
   [[gnu::noinline]] void push_suspect(const Event& event, const Use& use) {
-    if (guard_.releases(event.t)) {
-      guard_.judge(event);
+    TimeGuard::Verdict verdict = guard_.judge(event);
+    if (verdict == TimeGuard::Verdict::release) {
       push_one(Event(guard_.held()), use);
+      verdict = guard_.judge(event);
     }
-    if (guard_.judge(event) == TimeGuard::Verdict::pass) push_one(event, use);
+    if (verdict == TimeGuard::Verdict::pass) push_one(event, use);
   }
 
   template <typename Use>
   [[gnu::always_inline]] std::size_t push_one(const Event& event, const Use& use) {
-    if (!lines_.sensor_size().contains(event.x, event.y)) return 1;
-    const Vec2 m = lines_(event);
+    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return 1;
+    const Vec2 m = lines_of_sight_(event);
     const PoseEstimate* const pose =
-        starting_ ? start(event, m) : note(event, follower_.push(m, event.t, polarity(event)));
+        starting_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
     if (pose != nullptr) use(*pose);
     return 1;
   }
@@ -202,81 +210,87 @@ class MarkerTracker {
   [[gnu::noinline]] std::size_t push_group(std::span<const Event> events, const Use& use) {
     EventGroup group;
     group.fill(std::min(events.size(), EventGroup::kMost), [&](std::size_t i) {
-      const bool on_sensor = lines_.sensor_size().contains(events[i].x, events[i].y);
-      return std::tuple(on_sensor ? lines_(events[i]) : UndistortionTable::nowhere(), events[i].t, polarity(events[i]));
+      const bool on_sensor = lines_of_sight_.sensor_size().contains(events[i].x, events[i].y);
+      return std::tuple(on_sensor ? lines_of_sight_(events[i]) : UndistortionTable::nowhere(), events[i].t,
+                        polarity(events[i]));
     });
     const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
-      if (const PoseEstimate* const pose = note(events[i], result)) use(*pose);
+      if (const PoseEstimate* const pose = after_event(events[i], result)) use(*pose);
       return state_ != TrackingState::lost;
     };
     std::size_t taken = 0;
-    while (taken < group.count() && follower_.in_groups() && state_ != TrackingState::lost)
+    while (taken < group.count() && follower_.accepts_groups() && state_ != TrackingState::lost)
       taken = follower_.push(group, taken, after);
     return taken;
   }
 
-  // What a followed event means: for the health, for the verification, for the state. Returns the pose of an update.
-  [[gnu::always_inline]] const PoseEstimate* note(const Event& event,
-                                                  const typename EdgeFollower<Rule>::Result& result) noexcept {
+  // Everything that follows from an event: evidence, verification, state. Returns the pose to report, of an update or a
+  // loss; else null.
+  [[gnu::always_inline]] const PoseEstimate* after_event(const Event& event,
+                                                         const typename EdgeFollower<Rule>::Result& result) noexcept {
     const auto [match, updated, segment] = result;
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
     health_.add(match, segment);
-    if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_)) [[unlikely]]
-      note(*error);
-    if (updated) count_update();
-    if (settled_ && health_.due() && match != MatchResult::ambiguous && (updated || match == MatchResult::near))
-      health_.judge_matches(t_);
-    if (health_.lost() || failed_ != LossReason::none) [[unlikely]]
-      return &lose(failed_ != LossReason::none ? failed_ : health_.reason());
+    if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
+      take_verification_result(*error);
+    if (updated) after_update();
+    // With updates and near events only: an event that is merely collected stays cheap.
+    if (settled_ && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
+    if (health_.lost() || certain_loss_ != LossReason::none) [[unlikely]]
+      return &lose(certain_loss_ != LossReason::none ? certain_loss_ : health_.reason());
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
     if (health_.edges_due()) judge_edges();
-    return &report();
+    return &refresh_pose();
   }
 
-  void count_update() noexcept {
+  // Counts an update, and lets the state converge.
+  void after_update() noexcept {
     matched_ += follower_.last_update().matched;
     pose_.quality.updated_t = t_;
     if (state_ == TrackingState::converging) converge();
   }
 
-  // The first updates refine the start and are no evidence. Once the edges are known to within the matching distance,
-  // what follows is evidence, and a way back over it decides.
+  // The first updates only refine the start pose. Once the edges are known to within the matching distance (settled), a
+  // brief verification over the events that follow decides whether the marker is `tracking`.
   [[gnu::noinline]] void converge() noexcept {
     converging_since_ = std::min(converging_since_, t_);
     if (!settled_ && settles()) {
       settled_ = true;
       health_.restart(t_);
-      verification_.start_window(follower_, VerificationWindow::brief);
+      verification_.restart(follower_, VerificationWindow::brief);
     }
-    if (elapsed_us(converging_since_, t_) > kLongestConverging_us) failed_ = LossReason::not_confirmed;
+    if (elapsed_us(converging_since_, t_) > kLongestConverging_us) certain_loss_ = LossReason::not_confirmed;
     if (ambiguous_ || !verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
     state_ = TrackingState::tracking;
-    follower_.let_rest();
+    follower_.enable_rest_detection();
   }
 
   // A start that was searched fits the events already; any other one may be some pixels off.
   bool settles() const noexcept {
-    const int fitting = follower_.edge_events();
+    const int needed = follower_.events_to_fix_pose();
     if constexpr (MotionEstimatingRule<Rule>)
-      return (matched_ >= fitting || start_search_) && (matched_ >= 4 * fitting || knows_edges(estimate()));
+      return (matched_ >= needed || start_search_) &&
+             (matched_ >= 4 * needed || edges_within_matching_distance(estimate()));
     else
-      return matched_ >= fitting || start_search_;
+      return matched_ >= needed || start_search_;
   }
 
-  // While the pose converges, it moves by more than the edges do.
+  // Judges each edge by the events that it made, and learns how many a pixel makes. Not before the start has settled:
+  // until then corrections move the pose, and edges would seem to have passed pixels that they never passed.
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
     if (state_ == TrackingState::tracking && health_.events_per_px2() > 0)
-      follower_.expect_events_per_px2(health_.events_per_px2());
+      follower_.set_events_per_passage(health_.events_per_px2());
   }
 
-  const PoseEstimate& report() noexcept { return describe(pose_); }
+  const PoseEstimate& refresh_pose() noexcept { return fill(pose_); }
 
-  // In place: at a pose for every event, making and copying one would cost as much as the matching.
-  PoseEstimate& describe(PoseEstimate& pose) const noexcept {
+  // Sets everything but the id and the results of verification. In place: at a pose for every event, making and copying
+  // one would cost as much as the matching.
+  PoseEstimate& fill(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;
     pose.T_camera_marker = follower_.T_camera_marker();
@@ -294,21 +308,23 @@ class MarkerTracker {
     return pose;
   }
 
-  // Searches; then replays the events since the marker was found, a few with each new one, until none is left.
+  // Feeds the search. The pose that it finds is that of an earlier time: the events since then are replayed, a few with
+  // each new one, until none is left.
   [[gnu::noinline]] const PoseEstimate* start(const Event& event, Vec2 m) noexcept {
     constexpr int kReplayed = 8;
     if (searching()) {
-      if (!start_search_->push(event, lines_.focal_length() * m)) return nullptr;
+      if (!start_search_->push(event, lines_of_sight_.focal_length() * m)) return nullptr;
       if (start_search_->state() == StartPoseSearch::State::given_up) return &lose(LossReason::not_confirmed);
       follower_.start_from(start_search_->T_found());
-      verification_.start_window(follower_);
+      verification_.restart(follower_);
       return nullptr;
     }
     start_search_->keep(event);
     const PoseEstimate* pose = nullptr;
     for (int i = 0; i < kReplayed && starting_ && state_ != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
-      if (const auto* next = note(past, follower_.push(lines_(past), past.t, polarity(past)))) pose = next;
+      if (const auto* next = after_event(past, follower_.push(lines_of_sight_(past), past.t, polarity(past))))
+        pose = next;
       starting_ = start_search_->replaying();
     }
     return pose;
@@ -316,7 +332,7 @@ class MarkerTracker {
 
   // Takes the result of a verification. A converging tracker may fail it because its start was off. Later, one failure
   // may be chance, and the next window begins at once; two in a row are no chance.
-  [[gnu::noinline]] void note(const BacktrackError& error) noexcept {
+  [[gnu::noinline]] void take_verification_result(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;
@@ -324,31 +340,35 @@ class MarkerTracker {
     const bool passed = verification_.passes(error);
     verified_ |= passed && settled_;
     if (settled_) health_.judge_verification(passed);
-    if (passed || state_ != TrackingState::tracking) return void(suspected_ = false);
-    if (std::exchange(suspected_, true)) failed_ = LossReason::verification;
-    verification_.start_window(follower_);
+    if (passed || state_ != TrackingState::tracking) {
+      suspected_ = false;
+      return;
+    }
+    if (std::exchange(suspected_, true)) certain_loss_ = LossReason::verification;
+    verification_.restart(follower_);
   }
 
   // With less than half of the marker in the image, too few events are left to follow it.
   bool out_of_image() const noexcept {
     const Vec3 centre = transform(follower_.T_camera_marker(), centre_);
-    const Vec2 low = centre.z * lines_.image().low, high = centre.z * lines_.image().high;
+    const Vec2 low = centre.z * lines_of_sight_.image().low, high = centre.z * lines_of_sight_.image().high;
     return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
   }
 
-  // True if every vertex is known in the image to within the matching distance: root of the sum of both variances.
-  bool knows_edges(const PoseEstimate& pose) const noexcept {
+  // True if the standard deviation of every vertex in the image, x and y together, is below the matching distance.
+  bool edges_within_matching_distance(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
-             return image_variance(pose, vertex, lines_.focal_length()) < limit2;
+             return image_variance(pose, vertex, lines_of_sight_.focal_length()) < limit2;
            });
   }
 
-  static constexpr std::size_t kTogether = 16 * EventGroup::kMost;  // times judged at once: they stay in the cache
+  static constexpr std::size_t kTimesAtOnce =
+      16 * EventGroup::kMost;  // checked before they are tracked: they stay cached
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
 
   Settings settings_;
-  UndistortionTable lines_;
+  UndistortionTable lines_of_sight_;
   TimeGuard guard_;
   EdgeFollower<Rule> follower_;
   Verification<Rule> verification_;
@@ -357,14 +377,14 @@ class MarkerTracker {
   Vec3 centre_;                                  // of the model's bounding box, marker frame [m]
   PoseEstimate pose_;                            // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
-  bool starting_ = false;  // searching, or replaying the events since then
+  bool starting_ = false;  // searching, or replaying the events since the time of the pose found
   Timestamp t_ = 0;
   std::int64_t matched_ = 0;
-  bool ambiguous_ = false;                // another pose may be the right one
-  bool settled_ = false;                  // the start has been refined: what follows is evidence
-  bool verified_ = false;                 // a way back has led to where it should
-  bool suspected_ = false;                // the last way back did not
-  LossReason failed_ = LossReason::none;  // beyond any odds
+  bool ambiguous_ = false;                      // another pose may be the right one
+  bool settled_ = false;                        // the start has been refined: what follows is evidence
+  bool verified_ = false;                       // a verification has passed since it has settled
+  bool suspected_ = false;                      // the last verification failed
+  LossReason certain_loss_ = LossReason::none;  // reason to give up at once, whatever `health_` says
   Timestamp converging_since_ = std::numeric_limits<Timestamp>::max();
 };
 

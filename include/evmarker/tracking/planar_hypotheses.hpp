@@ -21,41 +21,47 @@ template <PoseUpdateRule Rule>
 class PlanarHypotheses {
  public:
   /// @throws std::invalid_argument like MarkerTracker
-  PlanarHypotheses(const UndistortionTable& lines, const MarkerModel& model, const MarkerDetection& detection,
+  PlanarHypotheses(const UndistortionTable& lines_of_sight, const MarkerModel& model, const MarkerDetection& detection,
                    const MarkerTrackerSettings<Rule>& settings)
-      : tracker_(lines, model, detection.T_camera_marker, settings, detection.id) {
+      : tracker_(lines_of_sight, model, detection.T_camera_marker, settings, detection.id) {
     if (!detection.T_camera_marker_alternative) return;
-    rival_.emplace(lines, model, *detection.T_camera_marker_alternative, settings, detection.id);
+    rival_.emplace(lines_of_sight, model, *detection.T_camera_marker_alternative, settings, detection.id);
     tracker_.set_ambiguous(true);
     rival_->set_ambiguous(true);
   }
 
-  /// Takes events whose times have been judged, see MarkerTracker::push_in_time.
+  /// Takes events whose times have been judged, see MarkerTracker::push_checked.
   template <std::invocable<const PoseEstimate&> Use>
   void push(std::span<const Event> events, const Use& use) {
     for (; rival_ && !events.empty(); events = events.subspan(1)) push_to_both(events.front(), use);
-    tracker_.push_in_time(events, use);
+    tracker_.push_checked(events, use);
   }
 
-  /// See MarkerTracker::skip.
+  /// See MarkerTracker::skip. The marker is lost if both poses are.
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (rival_) rival_->skip(missing);
-    return tracker_.skip(missing);
+    const PoseEstimate* const last = tracker_.skip(missing);
+    return last && rival_ && keep_better() ? nullptr : last;
   }
 
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }
   const MarkerTracker<Rule>& tracker() const noexcept { return tracker_; }
   MarkerId id() const noexcept { return tracker_.id(); }
   /// See MarkerTracker::reach.
-  Box reach(double around = 0) const noexcept { return rival_ ? Box::everywhere() : tracker_.reach(around); }
+  Box reach(double border_cells = 0) const noexcept {
+    return rival_ ? Box::everywhere() : tracker_.reach(border_cells);
+  }
   /// See MarkerTracker::stays.
-  bool stays(std::size_t events) const noexcept { return events == 0 || (!rival_ && tracker_.stays(events)); }
-  /// True if its last event is older than `interval` at time t, or in the future: the camera was started anew.
-  bool silent_until(Timestamp t, std::chrono::microseconds interval) const noexcept {
-    const Timestamp heard = tracker_.estimate().t;
+  bool unchanged_by_next(std::size_t events) const noexcept {
+    return events == 0 || (!rival_ && tracker_.unchanged_by_next(events));
+  }
+  /// True if its last event is more than `interval` before t, or more than 1 s after it, as when the camera was
+  /// restarted.
+  bool silent_for(std::chrono::microseconds interval, Timestamp t) const noexcept {
+    const Timestamp last = tracker_.estimate().t;
     constexpr std::uint64_t kRestart_us = 1000000;
-    return heard < t ? elapsed_us(heard, t) > static_cast<std::uint64_t>(interval.count())
-                     : elapsed_us(t, heard) > kRestart_us;
+    return last < t ? elapsed_us(last, t) > static_cast<std::uint64_t>(interval.count())
+                    : elapsed_us(t, last) > kRestart_us;
   }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
@@ -70,24 +76,21 @@ class PlanarHypotheses {
   [[gnu::noinline]] void push_to_both(const Event& event, const Use& use) {
     const std::span<const Event> one(&event, 1);
     comparison_.add(tracker_.misfit_px2(event), rival_->misfit_px2(event));
-    rival_->push_in_time(one, [](const PoseEstimate&) {});
-    bool updated = false;
-    PoseEstimate pose;
-    tracker_.push_in_time(one, [&](const PoseEstimate& last) {
-      updated = true;
-      pose = last;
-    });
-    if (!updated) return;
-    if (decided() && decide()) pose = tracker_.estimate();
-    use(pose);
+    rival_->push_checked(one, [](const PoseEstimate&) {});
+    std::optional<PoseEstimate> pose;
+    tracker_.push_checked(one, [&](const PoseEstimate& last) { pose = last; });
+    if (!pose) return;
+    // Before the pose is handed on: a loss is not reported if the other pose goes on.
+    if (can_decide() && keep_better()) pose = tracker_.estimate();
+    use(*pose);
   }
 
-  bool decided() const noexcept {
+  bool can_decide() const noexcept {
     return lost() || rival_->state() == TrackingState::lost || std::abs(comparison_.z()) > kBeyondChance || alike() ||
            comparison_.events() >= kMostEvents;
   }
 
-  // True if both have converged to nearly the same pose.
+  // True if both have nearly the same orientation: if they differ at all, it is in that.
   bool alike() const noexcept {
     const Eigen::Isometry3d &T = tracker_.T_camera_marker(), &other = rival_->T_camera_marker();
     double trace = 0;  // of the rotation between them
@@ -95,13 +98,13 @@ class PlanarHypotheses {
     return trace > 1 + 2 * std::cos(kAlike_rad);
   }
 
-  // Goes on with the better pose. True if that is the rival's.
-  bool decide() noexcept {
-    const bool better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
-    if (better) std::swap(tracker_, *rival_);
+  // Keeps the better pose and drops the other. True if the rival's was kept.
+  bool keep_better() noexcept {
+    const bool rival_is_better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
+    if (rival_is_better) std::swap(tracker_, *rival_);
     rival_.reset();
     tracker_.set_ambiguous(false);
-    return better;
+    return rival_is_better;
   }
 
   MarkerTracker<Rule> tracker_;

@@ -16,37 +16,41 @@
 
 namespace evmarker {
 
-/// A marker that is tracked from the frame on in which it was detected, but not announced before more frames have shown
-/// its code where it is tracked.
+/// A detected marker that is already tracked, from the frame of its detection on, but whose poses are withheld until
+/// later frames show its code at the tracked pose.
 template <PoseUpdateRule Rule>
 class TentativeMarker {
  public:
-  /// @param position of the detection's frame in the history; the events from there on are replayed
-  TentativeMarker(PlanarHypotheses<Rule> marker, std::uint64_t position, const EventHistory& history)
-      : marker_(std::move(marker)), next_(position), detected_at_(history.pushed()) {}
+  /// @param events_in_frame number in the history of the first event after the detection's frame
+  TentativeMarker(PlanarHypotheses<Rule> marker, std::uint64_t events_in_frame, const EventHistory& history)
+      : marker_(std::move(marker)), next_(events_in_frame), result_at_(history.pushed()) {}
 
-  /// Replays at most `events` events of the history. A few for every new event, so that a slow detector's result does
-  /// not hold up the markers that are being tracked.
+  /// Gives the tracker the next events of the history, at most `events`. A tentative marker gets all of its events this
+  /// way, so only those that have passed the noise filter; a few for each new event, so that a slow detector's result
+  /// does not hold up the markers that are being tracked.
   void catch_up(const EventHistory& history, int events, TrackerStatistics& statistics) {
     if (!history.reaches(next_)) {
       ++statistics.replays_cut;
       next_ = history.pushed() - history.size();
     }
     for (; events > 0 && !caught_up(history); --events) {
-      statistics.replayed += next_ < detected_at_;
+      statistics.replayed += next_ < result_at_;
       const Event event = history.at(next_++);
       marker_.push(std::span(&event, 1), [](const PoseEstimate&) {});
     }
   }
   bool caught_up(const EventHistory& history) const noexcept { return next_ == history.pushed(); }
 
-  /// Begins a sighting, if the tracker is where the present frame should show the marker. False otherwise.
-  bool request_sighting(const EventHistory& history) noexcept { return requested_ = caught_up(history); }
+  /// True if the next frame should be checked for its code: if it has caught up, so that its pose is that of the frame.
+  bool request_sighting(const EventHistory& history) noexcept {
+    requested_ = caught_up(history);
+    return requested_;
+  }
   bool sighting_requested() const noexcept { return requested_; }
   void add(Sighting sighting) noexcept {
     ++frames_;
     sightings_ += sighting == Sighting::there;
-    elsewhere_ = sighting == Sighting::elsewhere;
+    elsewhere_ = sighting == Sighting::wrong_tilt;
   }
   int sightings() const noexcept { return sightings_; }
   bool hopeless() const noexcept { return marker_.lost() || elsewhere_ || frames_ > kPatience; }
@@ -58,11 +62,10 @@ class TentativeMarker {
   static constexpr int kPatience = 10;  // [frames]
 
   PlanarHypotheses<Rule> marker_;
-  std::uint64_t next_;         // position of the next event to replay
-  std::uint64_t detected_at_;  // position of the first event after the detector's result
+  std::uint64_t next_;       // number of the next event to replay
+  std::uint64_t result_at_;  // of the first event after the detector's result: those before it count as replayed
   bool requested_ = false, elsewhere_ = false;
-  int sightings_ = 1;
-  int frames_ = 1;
+  int sightings_ = 1, frames_ = 1;  // the first is the detection
 };
 
 template <PoseUpdateRule Rule>
@@ -90,10 +93,8 @@ class TentativeMarkers {
   }
   /// See MarkerTracker::skip. Markers that have not caught up are dropped.
   void skip(std::chrono::microseconds missing, const EventHistory& history) {
-    std::erase_if(markers_, [&](TentativeMarker<Rule>& tentative) {
-      tentative.marker().skip(missing);
-      return !tentative.caught_up(history);
-    });
+    for (TentativeMarker<Rule>& tentative : markers_) tentative.marker().skip(missing);
+    std::erase_if(markers_, [&](const auto& tentative) { return !tentative.caught_up(history); });
   }
 
   /// Adds the markers that have caught up to a request.
@@ -102,7 +103,8 @@ class TentativeMarkers {
       if (tentative.request_sighting(history))
         request.unconfirmed.push_back({tentative.marker().id(), tentative.marker().tracker().T_camera_marker()});
   }
-  /// Adds the sightings of the last request; no marker was added or removed in between.
+  /// Adds the sightings of the last request. Since then, no marker of that request may have been removed, and none
+  /// added.
   void add(const std::vector<Sighting>& sightings) {
     std::size_t i = 0;
     for (TentativeMarker<Rule>& tentative : markers_)
@@ -115,14 +117,19 @@ class TentativeMarkers {
     std::erase_if(markers_, [](const auto& tentative) { return tentative.hopeless(); });
   }
 
-  /// Removes the markers that have had `sightings` and have caught up: `use(marker)` may move them away.
+  /// Removes the markers with at least `sightings` sightings that have caught up and are not lost. `use(marker)` is
+  /// called with each before, and may move from it.
   template <std::invocable<PlanarHypotheses<Rule>&> Use>
   void release_confirmed(int sightings, const EventHistory& history, const Use& use) {
-    std::erase_if(markers_, [&](TentativeMarker<Rule>& tentative) {
-      if (tentative.marker().lost() || tentative.sightings() < sightings || !tentative.caught_up(history)) return false;
-      use(tentative.marker());
-      return true;
-    });
+    for (auto tentative = markers_.begin(); tentative != markers_.end();) {
+      PlanarHypotheses<Rule>& marker = tentative->marker();
+      if (marker.lost() || tentative->sightings() < sightings || !tentative->caught_up(history)) {
+        ++tentative;
+      } else {
+        use(marker);
+        tentative = markers_.erase(tentative);
+      }
+    }
   }
 
  private:

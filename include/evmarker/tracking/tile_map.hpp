@@ -15,9 +15,9 @@ namespace evmarker {
 /// nothing throws or allocates.
 class TileMap {
  public:
-  explicit TileMap(const UndistortionTable& lines)
-      : columns_(tiles(lines.sensor_size().width)), margin_(kMargin_px / lines.focal_length()) {
-    const SensorSize size = lines.sensor_size();
+  explicit TileMap(const UndistortionTable& lines_of_sight)
+      : columns_(tiles(lines_of_sight.sensor_size().width)), margin_(kMargin_px / lines_of_sight.focal_length()) {
+    const SensorSize size = lines_of_sight.sensor_size();
     const auto rows = tiles(size.height);
     rows_.resize(rows);
     tiles_.resize(rows * columns_);
@@ -27,7 +27,7 @@ class TileMap {
       for (int x = 0; x < size.width; ++x) {
         event.x = static_cast<std::uint16_t>(x);
         event.y = static_cast<std::uint16_t>(y);
-        const Vec2 m = lines(event);
+        const Vec2 m = lines_of_sight(event);
         if (!is_finite(m)) continue;  // belongs to nothing
         tiles_[tile(event)].extend(m);
         rows_[event.y / kTile_px].extend(m);
@@ -55,11 +55,11 @@ class TileMap {
   }
 
   /// True if an event on the sensor may belong to more than one marker.
-  bool shared(const Event& event, const UndistortionTable& lines) const noexcept {
+  bool shared(const Event& event, const UndistortionTable& lines_of_sight) const noexcept {
     const std::uint64_t bits = markers_[tile(event)];
     if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
       return false;
-    const Vec2 m = lines(event);
+    const Vec2 m = lines_of_sight(event);
     int markers = 0;
     for_each_at(event, [&](std::size_t i) { markers += areas_[i].contains(m); });
     return markers > 1;

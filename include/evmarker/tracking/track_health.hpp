@@ -13,8 +13,8 @@
 namespace evmarker {
 
 struct TrackHealthSettings {
-  /// A marker that is followed is given up by mistake at most once in so many independent pieces of evidence, inverted:
-  /// pixels that an edge passes, verifications.
+  /// Largest probability, for each independent piece of evidence (a pixel that an edge passes, a verification), of
+  /// giving up a marker that is followed.
   double false_alarm_rate = 1e-6;
 };
 
@@ -24,11 +24,11 @@ inline void validate(const TrackHealthSettings& settings) {
                           settings.false_alarm_rate);
 }
 
-/// How likely it is that a marker is where its tracker says, and why not if not: whether events near it lie on its
-/// edges, whether every edge makes the events that it used to make, and what verification says. For each of these,
-/// log-likelihood ratios are added up between two bounds (Page's cumulative sum test): from full confidence it takes
-/// evidence that comes up by chance once in 1 / false_alarm_rate to lose the marker. They are not added to each other:
-/// a marker of which half is hidden is matched well.
+/// How likely it is that a marker is where its tracker says, by three tests: do events near it lie on its edges, does
+/// every edge make as many events as before, does verification pass. Each test sums log-likelihood ratios between two
+/// bounds (Page's cumulative sum test): from full confidence it takes evidence that comes up by chance once in 1 /
+/// false_alarm_rate to lose the marker. The sums are kept apart, as one test may pass where another fails: a half
+/// hidden marker still matches well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -48,31 +48,37 @@ class TrackHealth {
     }
   }
 
-  /// True once there are events enough to be judged.
-  bool due() const noexcept { return matched_ + near_ >= kTogether; }
-  /// True if it takes more than `events` more events for that.
-  bool stays(std::size_t events) const noexcept {
-    return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kTogether);
+  /// True once there are enough events for `judge_matches`.
+  bool due() const noexcept { return matched_ + near_ >= kJudgedAtOnce; }
+  /// True if `judge_matches` is not due after `events` more events either.
+  bool unchanged_by_next(std::size_t events) const noexcept {
+    return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kJudgedAtOnce);
   }
 
-  /// Judges the events since the last call by how many of them lie on an edge. Near an edge that is not there they lie
-  /// anywhere. The usual background, by time, says nothing, neither beside the edges nor with what of it lies on them:
-  /// at rest there is no other.
+  /// Judges the events since the last call. At the right pose most lie on an edge; at a wrong one they are spread
+  /// evenly, and a third matches by chance. Background at its usual rate is no evidence and is left out: the near
+  /// events, and as many matches as come by chance with them. At rest, all events are background.
   [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
-    const double usual = near_per_us_ * dt_us, near = std::max(0.0, near_ - 2 * usual - 2 * std::sqrt(usual));
-    constexpr double kMatchedToNear = kAnywhere / (1 - kAnywhere);  // by chance
-    const double by_chance = kMatchedToNear * (near_ - near), deviation = std::sqrt((1 + kMatchedToNear) * by_chance);
-    const double matched = std::max(0.0, matched_ - by_chance - 3 * deviation);
-    const double expected = (usual_share_ + kAnywhere) / 2;  // half of what is usual would do
+    const double background = near_per_us_ * dt_us;
+    // More than twice the usual background and two standard deviations.
+    const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
+    constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
+    const double chance_matches = kMatchedToNear * (near_ - excess_near);
+    const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
+    const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
+    const double expected =
+        (usual_share_ + kChanceShare) / 2;  // of a followed marker: half way from chance to the usual
     // The events of one pixel in one passage come together and are one piece of evidence.
     const double independent = 1 / std::clamp(activity_.events_per_px2(), 1.0, 10.0);
-    judge(independent * (matched * std::log(kAnywhere / expected) + near * std::log((1 - kAnywhere) / (1 - expected))),
+    judge(independent * (excess_matched * std::log(kChanceShare / expected) +
+                         excess_near * std::log((1 - kChanceShare) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
-    const double fresh = sure() ? (matched_ + near_) / kMemory : 0, passed = dt_us / (dt_us + kMemory_us);
-    usual_share_ = std::clamp(usual_share_ + std::min(fresh, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
-    near_per_us_ += passed * (near_ / std::max(dt_us, 1.0) - near_per_us_);
+    const double share_weight = sure() ? (matched_ + near_) / kMemory : 0, rate_weight = dt_us / (dt_us + kMemory_us);
+    usual_share_ =
+        std::clamp(usual_share_ + std::min(share_weight, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
+    near_per_us_ += rate_weight * (near_ / std::max(dt_us, 1.0) - near_per_us_);
     t_us_ = static_cast<double>(t);
     forget_matches();
   }
@@ -84,14 +90,17 @@ class TrackHealth {
     const auto evidence = activity_.log_likelihood_of_loss(model, T_camera_marker);
     if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
   }
-  /// The pose has been moved without events.
+  /// Forgets the edges' events since the last judgement: the pose has moved for another reason than the marker's
+  /// motion.
   void restart_edges() noexcept { activity_.restart(); }
 
-  /// A way back that led to where it should, or did not.
-  void judge_verification(bool passed) noexcept { judge(passed ? -kReturns : kReturns, LossReason::verification); }
+  /// Takes the result of a verification.
+  void judge_verification(bool passed) noexcept {
+    judge(passed ? -kVerificationEvidence : kVerificationEvidence, LossReason::verification);
+  }
 
-  /// Starts from even odds again: a start pose may be wrong, and then its events lie anywhere and it does not come
-  /// back.
+  /// Starts anew: even odds for the tests that show a wrong start pose (inconsistent, verification), full confidence
+  /// for the others.
   void restart(Timestamp t) noexcept {
     log_odds_.fill(bound_);
     log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
@@ -104,7 +113,7 @@ class TrackHealth {
 
   bool lost() const noexcept { return lost_; }
   /// True while nothing speaks against it, and the events speak for it.
-  bool sure() const noexcept { return least() >= 0 && odds(LossReason::inconsistent) > bound_ / 2; }
+  bool sure() const noexcept { return least() >= 0 && log_odds(LossReason::inconsistent) > bound_ / 2; }
   /// True while more speaks against it than for it.
   bool doubtful() const noexcept { return probability_ < 0.5; }
   /// That the marker is followed.
@@ -117,19 +126,20 @@ class TrackHealth {
   double events_per_px2() const noexcept { return activity_.events_per_px2(); }
 
  private:
-  static constexpr int kTogether = 64;
-  static constexpr double kReturns = 3;         // logarithm of the odds: a wrong pose comes back one time in twenty
-  static constexpr double kAnywhere = 1.0 / 3;  // of events anywhere near an edge, to three times the distance, match
+  static constexpr int kJudgedAtOnce = 64;
+  static constexpr double kVerificationEvidence = 3;  // log odds: a wrong pose passes one verification in twenty
+  static constexpr double kChanceShare =
+      1.0 / 3;  // of evenly spread events within three matching distances, those that match
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
   static constexpr double kMemory = 50000;  // [events]
   static constexpr double kMemory_us = 500000;
 
   double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
-  double odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
+  double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
 
   void judge(double log_likelihood_of_loss, LossReason reason) noexcept {
-    double& odds = log_odds_[static_cast<std::size_t>(reason)];
-    odds = std::min(odds - log_likelihood_of_loss, bound_);
+    double& log_odds = log_odds_[static_cast<std::size_t>(reason)];
+    log_odds = std::min(log_odds - log_likelihood_of_loss, bound_);
     summarise();
   }
 
@@ -141,8 +151,8 @@ class TrackHealth {
 
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
-  double bound_;                      // of the logarithm of the odds, to both sides
-  std::array<double, 8> log_odds_{};  // that it is not lost for this reason, by LossReason
+  double bound_;                                 // of the logarithm of the odds, to both sides
+  std::array<double, kLossReasons> log_odds_{};  // that it is not lost for this reason; of LossReason::none, unused
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;

@@ -67,7 +67,7 @@ class Tracker {
 
   template <typename Use>
   void run_detector(Timestamp t, const Use& use) {
-    if (core_.detection_due(t)) result_ = detect(detector_, core_.polarity_frame(), core_.request_detection(t));
+    if (core_.detection_due(t)) result_ = answer_request(detector_, core_.polarity_frame(), core_.request_detection(t));
     if (core_.result_due(t)) core_.register_markers(result_, use);
   }
 

@@ -29,9 +29,9 @@ namespace evmarker {
 /// A `Tracker` without its detector, for those who run the detector elsewhere: it says when a detection is due, and
 /// takes the result whenever that is there. Between detections nothing throws or allocates.
 ///
-/// The noise filter stands before the polarity frame, the detections and the history, where each noise event counts as
-/// much as an edge's. Markers that are tracked take all events: of those on the few pixels of their edges far more are
-/// theirs than noise, and the filter would remove the first ones of a slow edge.
+/// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
+/// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
+/// would remove the first ones of a slow edge.
 ///
 /// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
@@ -43,12 +43,12 @@ class TrackerCore {
   template <CameraModel Camera>
   TrackerCore(const Camera& camera, const Settings& settings, Filter filter)
       : settings_(settings),
-        lines_(camera),
+        lines_of_sight_(camera),
         filter_(std::move(filter)),
         frame_(camera.sensor_size()),
         history_(settings.history_events),
         schedule_(settings),
-        confirmed_(lines_, settings.max_markers),
+        confirmed_(lines_of_sight_, settings.max_markers),
         tentative_(settings.max_markers),
         by_time_(settings.max_markers + kBetweenChecks) {
     validate(settings);
@@ -57,21 +57,21 @@ class TrackerCore {
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
 
-  /// Takes events from the first on, up to and with one for which `stop(event)` is true; it is called with each event
-  /// that has passed the noise filter. Calls `use(pose)` with each pose that they lead to, in order of time, valid
-  /// during the call.
-  /// @return how many events were taken; none if one that had waited was taken instead
+  /// Takes some of the events, from the first on; to be called again with the others. Calls `use(pose)` with each pose
+  /// that they lead to, in order of time, valid during the call.
+  /// @param stop is called with each event that has passed the noise filter; true: none is taken after it
+  /// @return how many were taken. 0: an event that TimeGuard had held back was taken first
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
     const bool single = events.size() == 1 || !tentative_.empty() || guard_.releases(events.front().t);
     const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
-    hand_over(use);
+    deliver(use);
     return taken;
   }
 
-  /// Time of the event that is taken next if this one is pushed, which may be one that has waited; nothing if this one
-  /// has to wait [us].
+  /// Time of the event that `push` would take first: of the one held back if `event` confirms it, else of `event`;
+  /// nothing if `event` would be held back itself [us].
   std::optional<Timestamp> next_t(const Event& event) const noexcept { return guard_.next_t(event.t); }
 
   /// True while a marker that was detected has not been given all events since.
@@ -81,29 +81,29 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void catch_up(int events, const Use& use) {
     catch_up(events);
-    hand_over(use);
+    deliver(use);
   }
 
-  /// Goes on at a later time; the events until then are missing. The result of a detection from before registers
-  /// nothing.
+  /// Goes on at a later time; the events until then are missing. A detection that was requested before it starts no
+  /// tracker, as the events to replay are missing.
   template <std::invocable<const PoseEstimate&> Use>
   void skip_to(Timestamp t, const Use& use) {
     if (!(t > last_t_)) return;
     const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
-    if (missing <= MarkerTracker<Rule>::kBriefly) return;
+    if (missing <= MarkerTracker<Rule>::kHarmlessGap) return;
     guard_.restart(t);
     statistics_.time_faults = guard_.faults();
     followable_since_ = history_.pushed();
     tentative_.skip(missing, history_);
-    confirmed_.skip(missing, delivering());
-    drop_lost();
-    searching_ = searching();
-    hand_over(use);
+    confirmed_.skip(missing, collector());
+    move_lost_to_missing();
+    search_often_ = searching();
+    deliver(use);
   }
 
-  /// True if the frame as it is after this event, which was taken, should go to the detector. False while a result is
+  /// True if a detection should be requested now, at the time of the last event that was taken. False while a result is
   /// pending.
-  bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, searching_); }
+  bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, search_often_); }
 
   /// True while a marker that should be there is missing: none is tracked, one is not confirmed, or was lost just now.
   bool searching() const noexcept { return confirmed_.empty() || !tentative_.empty() || !missing_.empty(); }
@@ -113,7 +113,7 @@ class TrackerCore {
     ++statistics_.detections;
     schedule_.begin(t);
     forget_missing(t);
-    DetectionRequest request{t, history_.pushed(), lines_.focal_length(), {}, {}};
+    DetectionRequest request{t, history_.pushed(), lines_of_sight_.focal_length(), {}, {}};
     tentative_.request_sightings(request, history_);
     for (const PlanarHypotheses<Rule>& marker : missing_)
       request.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
@@ -131,22 +131,26 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void register_markers(const DetectionResult& result, const Use& use) {
     schedule_.end();
+    // One that only the search found stays missing: the search may err, and goes on until a detection finds it.
     std::erase_if(missing_, [&](const PlanarHypotheses<Rule>& marker) {
       return std::ranges::any_of(result.detected_markers(),
                                  [&](const auto& detected) { return detected.detection.id == marker.id(); });
     });
     tentative_.add(result.sightings);
-    announce_confirmed();
+    announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
     for (const auto& [detection, model] : result.markers) {
-      if (result.position <= followable_since_ || tracked(detection)) continue;
+      if (result.events_in_frame <= followable_since_) continue;
+      drop_contradicted(detection);
+      if (tracked(detection.id)) continue;
       if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
-      tentative_.add({PlanarHypotheses<Rule>(lines_, model, detection, settings_.marker), result.position, history_});
+      tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, model, detection, settings_.marker),
+                      result.events_in_frame, history_});
     }
-    announce_confirmed();
-    drop_lost();
-    searching_ = searching();
-    hand_over(use);
+    announce_confirmed();  // those just added, if one detection is enough
+    move_lost_to_missing();
+    search_often_ = searching();
+    deliver(use);
   }
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
@@ -160,28 +164,33 @@ class TrackerCore {
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
   static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = 1024;    // events
-  static constexpr std::size_t kAhead = 32;              // events: longer than memory takes, shorter than a cache holds
+  static constexpr std::size_t kPrefetchDistance = 32;   // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
-  enum class Entry { off_sensor, unsupported, supported };
+  enum class Intake { off_sensor, filtered_out, accepted };
 
-  // Returns 0 if an event that had waited was taken instead.
   template <typename Stop>
   [[gnu::noinline]] std::size_t push_one(const Event& event, const Stop& stop) {
-    if (check_due()) searching_ = searching();
+    if (check_due()) search_often_ = searching();
     const TimeGuard::Verdict verdict = judge(event);
-    const bool released = verdict == TimeGuard::Verdict::release;
-    statistics_.events += !released;
-    if (verdict == TimeGuard::Verdict::hold) return 1;
-    const Event& now = released ? guard_.held() : event;
-    const Entry entry = enter(now);
-    if (entry == Entry::off_sensor) return !released;
-    confirmed_.push(now, delivering());
-    if (!poses_.empty()) drop_lost();
+    if (verdict == TimeGuard::Verdict::release) {
+      take(guard_.held(), stop);
+      return 0;  // `event` is pushed again
+    }
+    ++statistics_.events;
+    if (verdict == TimeGuard::Verdict::pass) take(event, stop);
+    return 1;
+  }
+
+  template <typename Stop>
+  void take(const Event& event, const Stop& stop) {
+    const Intake intake = take_in(event);
+    if (intake == Intake::off_sensor) return;
+    confirmed_.push(event, collector());
+    if (!poses_.empty()) move_lost_to_missing();
     if (!tentative_.empty()) [[unlikely]]
       catch_up(kCatchUp);
-    if (entry == Entry::supported) stop(now);
-    return !released;
+    if (intake == Intake::accepted) stop(event);
   }
 
   // The same poses as one by one, and faster: each marker gets its events in groups.
@@ -192,42 +201,43 @@ class TrackerCore {
     std::size_t taken = 0;
     for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
       const Event& event = events[taken];
-      if (events.size() - taken > kAhead) prefetch(events[taken + kAhead]);
+      if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
       if (check_due()) [[unlikely]]
         check_between();
       if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
-        break;
+        break;  // the held event comes first, by `push_one` at the next call
       ++statistics_.events;
       if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
         continue;
-      const Entry entry = enter(event);
-      if (entry == Entry::off_sensor) continue;
-      confirmed_.push_soon(event, delivering());
-      if (entry == Entry::supported) stopped = stop(event);
+      const Intake intake = take_in(event);
+      if (intake == Intake::off_sensor) continue;
+      confirmed_.enqueue(event, collector());
+      if (intake == Intake::accepted) stopped = stop(event);
     }
-    confirmed_.push_waiting(delivering());
-    if (!poses_.empty()) drop_lost();
+    confirmed_.flush(collector());
+    if (!poses_.empty()) move_lost_to_missing();
     return taken;
   }
 
-  // `searching_` is renewed after the same events, however many of them come together.
+  // After the same events, however they are batched: the schedule of detections depends on it.
   bool check_due() const noexcept { return statistics_.events % kBetweenChecks == 0; }
 
-  // With events waiting: those that may lose a marker go first.
+  // In the middle of a batch: queued events that may change a marker go first, so that the result is that of single
+  // events.
   [[gnu::noinline]] void check_between() {
-    confirmed_.push_decisive(delivering());
+    confirmed_.flush_if_pose_may_change(collector());
     if (confirmed_.any_lost()) {
-      confirmed_.push_waiting(delivering());
-      drop_lost();
+      confirmed_.flush(collector());
+      move_lost_to_missing();
     }
-    searching_ = searching();
+    search_often_ = searching();
   }
 
   // With many markers, what an event looks up is all over the memory.
   [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
-    if (!lines_.sensor_size().contains(event.x, event.y)) return;
+    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return;
     if constexpr (requires { filter_.prefetch(event); }) filter_.prefetch(event);
-    lines_.prefetch(event);
+    lines_of_sight_.prefetch(event);
   }
 
   // See TimeGuard::judge.
@@ -239,22 +249,22 @@ class TrackerCore {
     return verdict;
   }
 
-  // Counts, filters and stores an event whose time is right.
-  [[gnu::always_inline]] Entry enter(const Event& event) {
+  // Counts, filters and stores an event that TimeGuard has passed.
+  [[gnu::always_inline]] Intake take_in(const Event& event) {
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
-    if (!lines_.sensor_size().contains(event.x, event.y)) {
+    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) {
       ++statistics_.off_sensor;
-      return Entry::off_sensor;
+      return Intake::off_sensor;
     }
     if (!filter_.accept(event)) {
       ++statistics_.filtered;
-      return Entry::unsupported;
+      return Intake::filtered_out;
     }
     schedule_.count_event();
     frame_.update(event);
     history_.push(event);
-    return Entry::supported;
+    return Intake::accepted;
   }
 
   void catch_up(int events) {
@@ -262,7 +272,7 @@ class TrackerCore {
     announce_confirmed();
   }
 
-  void deliver(const PoseEstimate& pose) {
+  void collect(const PoseEstimate& pose) {
     poses_.push_back(pose);
     if (pose.quality.state == TrackingState::lost)
       ++statistics_.lost;
@@ -270,17 +280,17 @@ class TrackerCore {
       statistics_.matched += static_cast<std::uint64_t>(pose.quality.matched);
   }
 
-  auto delivering() noexcept {
-    return [this](const PoseEstimate& pose) { deliver(pose); };
+  auto collector() noexcept {
+    return [this](const PoseEstimate& pose) { collect(pose); };
   }
 
   template <typename Use>
-  void hand_over(const Use& use) {
+  void deliver(const Use& use) {
     if (!poses_.empty()) by_time_.hand_over(poses_, use);
   }
 
-  // The detector may find a lost marker again.
-  void drop_lost() {
+  // The detector may find lost markers again.
+  void move_lost_to_missing() {
     confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) {
       if (missing_.size() < settings_.max_markers) missing_.push_back(std::move(marker));
     });
@@ -296,32 +306,35 @@ class TrackerCore {
   // Announces the markers that were seen often enough and have caught up.
   void announce_confirmed() {
     tentative_.release_confirmed(settings_.detections_to_confirm, history_, [&](PlanarHypotheses<Rule>& marker) {
-      if (marker.tracker().estimate().quality.matched > 0) deliver(marker.tracker().estimate());
+      // Without an update there is no pose to report yet.
+      if (marker.tracker().estimate().quality.matched > 0) collect(marker.tracker().estimate());
       ++statistics_.registered;
       schedule_.note_found(last_t_);
       confirmed_.add(std::move(marker));
     });
   }
 
-  // True if the detected marker is being tracked where it was detected. A marker that had no events while it is seen
-  // elsewhere is lost: nothing moved where it is tracked. One that was never confirmed has followed something else.
-  bool tracked(const MarkerDetection& detection) {
+  bool tracked(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
+
+  // Drops the tracker of a marker that was detected elsewhere: a tentative one at once, as it must have followed
+  // something else; a confirmed one only if it had no events lately, as nothing moved where it is tracked.
+  void drop_contradicted(const MarkerDetection& detection) {
+    const auto elsewhere = [&](const PlanarHypotheses<Rule>& marker) {
+      return !same_place(detection, marker.tracker().T_camera_marker(), lines_of_sight_.focal_length());
+    };
     if (const PlanarHypotheses<Rule>* const tentative = tentative_.find(detection.id)) {
-      if (same_place(detection, tentative->tracker().T_camera_marker(), lines_.focal_length())) return true;
-      tentative_.erase(detection.id);
-      return false;
+      if (elsewhere(*tentative)) tentative_.erase(detection.id);
+      return;
     }
     PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
-    if (marker == nullptr) return false;
-    const bool silent = marker->silent_until(detection.t, settings_.detection_interval);
-    if (!silent || same_place(detection, marker->tracker().T_camera_marker(), lines_.focal_length())) return true;
-    deliver(marker->tracker().lose(LossReason::replaced));
+    if (marker == nullptr || !marker->silent_for(settings_.detection_interval, detection.t) || !elsewhere(*marker))
+      return;
+    collect(marker->tracker().lose(LossReason::replaced));
     confirmed_.erase(detection.id);
-    return false;
   }
 
   Settings settings_;
-  UndistortionTable lines_;
+  UndistortionTable lines_of_sight_;
   TimeGuard guard_;
   Filter filter_;
   PolarityFrame frame_;
@@ -332,7 +345,7 @@ class TrackerCore {
   std::vector<PlanarHypotheses<Rule>> missing_;  // lost a short time ago
   std::vector<PoseEstimate> poses_;
   ByTime by_time_;
-  bool searching_ = true;  // as of the last check
+  bool search_often_ = true;  // `searching()` as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
   TrackerStatistics statistics_;

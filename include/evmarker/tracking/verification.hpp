@@ -16,14 +16,14 @@
 namespace evmarker {
 
 struct VerificationSettings {
-  int updates = 100;              ///< k: forward updates before the way back
-  int every = 2;                  ///< one window of k updates in this number is verified; 1: all, for twice the cost
+  int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
+  int every = 2;                  ///< the first of this number of windows is backtracked; 1: all, for twice the cost
   double max_translation_px = 5;  ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or what moves the rim of a small marker by `max_translation_px`,
-  /// summed over three axes.
+  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / size_px where that is more: a small marker's
+  /// opposite sides move by max_translation_px against each other, about each of three axes.
   double max_rotation_rad = kAutomatic;
-  std::size_t min_events = 1000;      ///< nor sooner: from a few events the way back is mostly noise
-  std::size_t max_events = 1u << 15;  ///< a window that nearly fills this ring is verified early
+  std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
+  std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked early
 };
 
 /// @throws std::invalid_argument naming the setting that is out of range
@@ -36,8 +36,8 @@ inline void validate(const VerificationSettings& settings) {
   require(settings.max_events >= 1, "max_events", settings.max_events);
 }
 
-/// Length of a window. Brief: as few events as a way back can be judged by, for a tracker that has not been verified
-/// yet.
+/// Length of a window. Brief: the fewest events by which backtracking can be judged, EdgeFollower::events_to_fix_pose,
+/// for a tracker that has not been verified yet.
 enum class VerificationWindow { full, brief };
 
 /// How far the backtracked pose is from the pose that the forward tracker had at the same time.
@@ -45,7 +45,8 @@ struct BacktrackError {
   double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
   double angle_rad = 0;       ///< the geodesic angle between the two rotations
-  /// Sums of the standard deviations that the rule itself states of both poses; zero where it states none.
+  /// By the rule's own covariance: standard deviations, summed over the axes as in Eqs. (13), (14), of both poses
+  /// together (root of the sum of squares). Zero where the rule has none.
   double expected_px = 0;
   double expected_rad = 0;
 };
@@ -62,8 +63,8 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
           geodesic_angle(forward.linear(), backward.linear())};
 }
 
-/// Keeps the events of `updates` updates and then runs a copy of the tracker back over them: two steps back with every
-/// new event, so that no event waits for the whole way.
+/// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: two steps back with
+/// every new event, so that no event waits for the whole way.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
@@ -83,36 +84,36 @@ class Verification {
     }
   }
 
-  /// Takes an event that the forward tracker has seen, and whether it was updated by it. At the end of the way back
-  /// over a window: the error between the pose at its start and the pose that the way back led to, valid until the next
-  /// push; else null.
+  /// Takes an event that the forward tracker has taken, and whether it led to an update. Returns, when a window has
+  /// been backtracked, the error between the pose at its start and the backtracked one, valid until the next push; else
+  /// null.
   [[gnu::always_inline]] const BacktrackError* push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
-                                                    const UndistortionTable& lines) noexcept {
+                                                    const UndistortionTable& lines_of_sight) noexcept {
     if (pause_ > 1 && steps_left_ == 0) {
       --pause_;
       return nullptr;
     }
-    return push_in_window(Event(event), updated, forward, lines);  // a copy: `event` itself stays in registers
+    return push_in_window(Event(event), updated, forward, lines_of_sight);  // a copy: `event` itself stays in registers
   }
 
-  /// Forgets the events so far; the next window starts at the forward tracker's present pose.
-  void start_window(const EdgeFollower<Rule>& forward, VerificationWindow window = VerificationWindow::full) noexcept {
+  /// Forgets all events; the next window starts at the forward tracker's present pose.
+  void restart(const EdgeFollower<Rule>& forward, VerificationWindow window = VerificationWindow::full) noexcept {
     brief_ = window == VerificationWindow::brief;
-    brief_events_ = std::min(settings_.min_events, static_cast<std::size_t>(forward.edge_events()));
+    brief_events_ = std::min(settings_.min_events, static_cast<std::size_t>(forward.events_to_fix_pose()));
     steps_left_ = 0;
     pause_ = 0;
-    start(forward);
+    begin_filling(forward);
   }
 
-  /// True if `events` events may complete a way back without an update of the forward tracker.
+  /// True if backtracking may end, and `push` return an error, within the next `events` events.
   bool ends_within(std::size_t events) const noexcept {
     return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
   }
 
   /// True if the error is within the thresholds, or within six standard deviations. False for NaN.
   bool passes(const BacktrackError& error) const noexcept {
-    return error.translation_px <= std::max(settings_.max_translation_px, kExpected * error.expected_px) &&
-           error.rotation_rad <= std::max(max_rotation_rad(), kExpected * error.expected_rad);
+    return error.translation_px <= std::max(settings_.max_translation_px, kMaxSigmas * error.expected_px) &&
+           error.rotation_rad <= std::max(max_rotation_rad(), kMaxSigmas * error.expected_rad);
   }
 
   /// epsilon_R of a marker at the present distance.
@@ -124,28 +125,28 @@ class Verification {
 
  private:
   static constexpr double kPapersRotation_rad = 0.15;
-  static constexpr double kExpected = 6;        // standard deviations
-  static constexpr std::size_t kStepsBack = 2;  // for each event: done in half of the time of the next window
-  static constexpr int kWait = 16;              // events: a step for many of them at once is a shorter one for each
+  static constexpr double kMaxSigmas = 6;       // standard deviations
+  static constexpr std::size_t kStepsBack = 2;  // for each new event: done in half of the time of the next window
+  static constexpr int kWait = 16;  // events after which steps are made, for all of them at once: that costs less
 
   [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,
                                                          const EdgeFollower<Rule>& forward,
-                                                         const UndistortionTable& lines) noexcept {
+                                                         const UndistortionTable& lines_of_sight) noexcept {
     const BacktrackError* error = nullptr;
     if (steps_left_ > 0 && ++waited_ == kWait) {
       waited_ = 0;
-      error = step_back(kWait * kStepsBack, lines);
+      error = step_back(kWait * kStepsBack, lines_of_sight);
     }
     if (pause_ > 0) {
       if (pause_ > 1) {
         --pause_;
       } else if (updated) {  // a window begins at a new pose
         pause_ = 0;
-        start(forward);
+        begin_filling(forward);
       }
       return error;
     }
-    if (window_.full()) start(forward);  // too few updates to verify: it would begin later than its first pose
+    if (window_.full()) begin_filling(forward);  // no update in time: the ring would lose the events after T_start_
     window_.push(event);
     updates_ += updated;
     const bool complete = (brief_ ? window_.size() >= brief_events_
@@ -153,23 +154,24 @@ class Verification {
                           steps_left_ == 0;
     const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
     if (!updated || (!complete && !crowded)) return error;
-    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines);
+    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // crowded: to its end
     turn_back(forward);
-    start(forward);
-    if (brief_) return step_back(steps_left_, lines);  // a tracker waits for it
+    begin_filling(forward);
+    if (std::exchange(brief_, false)) return step_back(steps_left_, lines_of_sight);  // a tracker waits for the result
     pause_ = static_cast<std::size_t>(settings_.every - 1) * past_.size();
     return error;
   }
 
-  void start(const EdgeFollower<Rule>& forward) noexcept {
+  // Begins to fill a window at the forward tracker's present pose.
+  void begin_filling(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
     expected_start_ = {};
-    expect(forward, expected_start_);
+    set_expected(forward, expected_start_);
     window_.clear();
     updates_ = 0;
   }
 
-  // The way back begins at the forward tracker's pose, with cleared averages.
+  // Begins to backtrack at the forward tracker's pose, with cleared averages.
   void turn_back(const EdgeFollower<Rule>& forward) noexcept {
     std::swap(window_, past_);
     steps_left_ = past_.size();
@@ -179,42 +181,43 @@ class Verification {
     expected_past_start_ = expected_start_;
   }
 
-  // Through the window's events in reverse; their times run on from the last one, so that the rule sees time that
-  // passes.
-  [[gnu::noinline]] const BacktrackError* step_back(std::size_t steps, const UndistortionTable& lines) noexcept {
+  // Replays the window's events in reverse. Their times are mirrored at its end, t -> end + (end - t), so that they
+  // increase for the rule.
+  [[gnu::noinline]] const BacktrackError* step_back(std::size_t steps,
+                                                    const UndistortionTable& lines_of_sight) noexcept {
     const Timestamp end = past_[past_.size() - 1].t;
     const auto mirrored = [end](Timestamp t) {
       return static_cast<Timestamp>(static_cast<std::uint64_t>(end) + elapsed_us(t, end));
     };
     for (steps = std::min(steps, steps_left_); steps > 0;) {
       std::size_t taken = 1;
-      if (backward_.in_groups()) {
+      if (backward_.accepts_groups()) {
         EventGroup group;
         group.fill(std::min(steps, EventGroup::kMost), [&](std::size_t i) {
           const Event& event = past_[steps_left_ - 1 - i];
-          return std::tuple(lines(event), mirrored(event.t), polarity(event));
+          return std::tuple(lines_of_sight(event), mirrored(event.t), polarity(event));
         });
         taken = 0;
-        while (taken < group.count() && backward_.in_groups())
+        while (taken < group.count() && backward_.accepts_groups())
           taken = backward_.push(group, taken, [](auto...) { return true; });
       } else {
         const Event& event = past_[steps_left_ - 1];
-        backward_.push(lines(event), mirrored(event.t), polarity(event));
+        backward_.push(lines_of_sight(event), mirrored(event.t), polarity(event));
       }
       steps_left_ -= taken;
       steps -= taken;
     }
     if (steps_left_ > 0) return nullptr;
-    brief_ = false;
     error_ = backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
-    expect(backward_, error_);
+    set_expected(backward_, error_);
     error_.expected_px = std::hypot(error_.expected_px, expected_past_start_.expected_px);
     error_.expected_rad = std::hypot(error_.expected_rad, expected_past_start_.expected_rad);
     return &error_;
   }
 
-  // Far away, the tilt of a small marker is uncertain by more than the threshold, and so is the place after a rest.
-  static void expect(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
+  // Sets the error that is to be expected by the rule's covariance: far away, the tilt of a small marker is less
+  // certain than the threshold, and so is the place after a rest.
+  static void set_expected(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
       const Matrix6d P = follower.rule().covariance();
       const double depth = translation(follower.T_camera_marker()).z;
@@ -225,19 +228,20 @@ class Verification {
 
   VerificationSettings settings_;
   EventHistory window_;
-  EventHistory past_;           // the window before, while the way back goes on
-  std::size_t steps_left_ = 0;  // of it
+  EventHistory past_;           // the window that is being backtracked
+  std::size_t steps_left_ = 0;  // events of it still to be replayed
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
   BacktrackError expected_start_, expected_past_start_;
-  BacktrackError error_;         // of the last window that was gone over
+  BacktrackError error_;         // of the last window that was backtracked
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n
   int updates_ = 0;
   bool brief_ = false;
   std::size_t brief_events_ = 0;
-  double size_m_ = 0;      // of the model
-  std::size_t pause_ = 0;  // events until the next window begins
+  double size_m_ = 0;  // of the model
+  std::size_t pause_ =
+      0;  // events until the next window, plus one; 1: it begins with the next update; 0: it is being filled
 };
 
 }  // namespace evmarker

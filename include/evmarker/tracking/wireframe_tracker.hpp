@@ -51,10 +51,10 @@ class WireframeTracker {
   template <CameraModel Camera>
   WireframeTracker(const Camera& camera, const Wireframe& body, const Settings& settings, Filter filter)
       : settings_(settings.marker),
-        lines_(camera),
+        lines_of_sight_(camera),
         filter_(std::move(filter)),
         body_(body),
-        tracker_(lines_, body.model, checked_start(body), settings.marker, body.id),
+        tracker_(lines_of_sight_, body.model, checked_start(body), settings.marker, body.id),
         searched_at_(*body.start) {}
 
   /// Takes one event. A pose like that of MarkerTracker, valid until the next push. After one with state `lost` there
@@ -130,7 +130,7 @@ class WireframeTracker {
     ++statistics_.events;
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
-    if (!lines_.sensor_size().contains(event.x, event.y)) {
+    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) {
       ++statistics_.off_sensor;
       return false;
     }
@@ -180,7 +180,7 @@ class WireframeTracker {
     if (!pose.covariance) return place;
     double variance_px2 = 0;
     for (const Eigen::Vector3d& vertex : model().vertices)
-      variance_px2 = std::max(variance_px2, image_variance(pose, vertex, lines_.focal_length()));
+      variance_px2 = std::max(variance_px2, image_variance(pose, vertex, lines_of_sight_.focal_length()));
     const Matrix6d& P = *pose.covariance;
     const auto widen = [](double& reach, double deviation, double farthest) {
       if (!(kSure * deviation <= farthest)) return false;
@@ -198,7 +198,7 @@ class WireframeTracker {
   void search(const Place& place) noexcept try {
     MarkerTrackerSettings<Rule> settings = settings_;
     if (settings.start_search) settings.start_search = place.reach;
-    tracker_ = MarkerTracker<Rule>(lines_, model(), place.T, settings, id());
+    tracker_ = MarkerTracker<Rule>(lines_of_sight_, model(), place.T, settings, id());
     searched_at_ = place.T;
     searched_share_ = place.reach.reach_share;
     heard_ = false;
@@ -207,7 +207,7 @@ class WireframeTracker {
   }
 
   Vec2 image(const Eigen::Isometry3d& T, const Eigen::Vector3d& vertex) const noexcept {
-    return lines_.focal_length() * on_plane(transform(T, vertex));
+    return lines_of_sight_.focal_length() * on_plane(transform(T, vertex));
   }
 
   // Of the box around the body in the image.
@@ -218,7 +218,7 @@ class WireframeTracker {
   }
 
   MarkerTrackerSettings<Rule> settings_;
-  UndistortionTable lines_;
+  UndistortionTable lines_of_sight_;
   Filter filter_;
   Wireframe body_;
   MarkerTracker<Rule> tracker_;              // follows the body, or searches it

@@ -11,20 +11,21 @@
 
 namespace evmarker {
 
-/// Gains of the paper's rule. All are dimensionless, so the same numbers serve every marker size and unit.
+/// Gains of the paper's rule, dimensionless: the same numbers serve every marker size and unit.
 struct DecoupledSettings {
-  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. 0 stands for one over the number of
-  /// events per update, at most 0.1: the averages remember the events of one update, or ten.
+  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. 0: 1 / events_per_update, but at most
+  /// 0.1, so that the averages extend over the events of one update, and over ten at least.
   double averaging_weight = 0;
   double translation_gain = 1.4;  ///< lambda_T of Eq. (10)
   double rotation_gain = 3;       ///< lambda_r, of the torque divided by the mean squared lever arm
-  /// The paper leaves the torque of Eq. (11) in units of length squared: measured in this unit [m]. 0 has it divided by
-  /// the mean squared lever arm.
+  /// Unit of length [m] in which the torque of Eq. (11), a length squared, is expressed, as in the paper. 0: the torque
+  /// is divided by the mean squared lever arm instead.
   double torque_length_unit_m = 0;
-  /// Allows for events that lie behind their moving edges, see `expect_events_per_px2`. Not in the paper.
+  /// Corrects the trail: events lie a fraction of a pixel behind their moving edge, as a pixel fires only after a whole
+  /// contrast step, see `expected_trail_px`. Not in the paper.
   bool correct_trail = true;
   /// Keeps the pose where it is while the events are background. Not in the paper.
-  bool rest = true;
+  bool hold_at_rest = true;
 
   /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
   static DecoupledSettings paper() {
@@ -33,7 +34,7 @@ struct DecoupledSettings {
             .rotation_gain = 0.003,
             .torque_length_unit_m = 0.01,
             .correct_trail = false,
-            .rest = false};
+            .hold_at_rest = false};
   }
 };
 
@@ -61,26 +62,30 @@ class DecoupledUpdate {
     for (std::size_t i = 0; i < simd::kLanes; ++i) weights_[i] = weight_ * kept_[simd::kLanes - 1 - i];
   }
 
-  /// From here on, events lie as far behind their moving edges as follows from how many a pixel makes in a passage.
-  // Of an edge in focus: measured by the residuals its width would grow with this rule's own jitter, and that with it.
-  void expect_events_per_px2(double events, double focal_length) noexcept {
+  /// Sets the trail that is corrected.
+  /// @param events_per_px2 that a pixel makes while an edge passes over it
+  // The width of an edge in focus is assumed. By the residuals it would contain this rule's jitter, and a longer trail
+  // would in turn increase the jitter.
+  void set_trail_by_event_density(double events_per_px2, double focal_length) noexcept {
     if (!settings_.correct_trail) return;
     constexpr double kFocusedEdge_px = 2.1;  // at a point spread of 0.6 px
-    constexpr double kMost_px = 0.5;         // a pose that jitters seems to sweep more, and events seem fewer
-    trail_by_px_ = std::min(expected_trail_px(kFocusedEdge_px, events), kMost_px) / (focal_length * focal_length);
+    constexpr double kMost_px = 0.5;         // a jittering pose overestimates the swept area, and so the trail
+    trail_over_f2_ =
+        std::min(expected_trail_px(kFocusedEdge_px, events_per_px2), kMost_px) / (focal_length * focal_length);
   }
 
-  /// @param share of the matched events that are the marker's; 0 at rest
-  void expect_signal(double share) noexcept { signal_ = settings_.rest ? share : 1; }
+  /// @param weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest
+  void set_signal_weight(double weight) noexcept { signal_weight_ = settings_.hold_at_rest ? weight : 1; }
 
-  /// Lets one event into the running averages.
+  /// Adds one event to the running averages.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Terms of_event = terms({c.M.x(), c.M.y()}, c.E, c.F, c.gradient, c.dark_side_known ? c.polarity : 0,
                                  translation(T_camera_marker));
     for (std::size_t k = 0; k < kTerms; ++k) means_[k] += weight_ * (of_event[k] - means_[k]);
   }
 
-  /// Batch version: earlier events fade with every later one.
+  /// Batch version. Adds to `sums_`, lane by lane, instead of `means_`; `update` then forms means = faded_ * means +
+  /// sum of the lanes. While not `summing_`, `sums_` is void, and its numbers get the weight 0.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const std::size_t n = c.count;
     const double kept = summing_ ? kept_[n] : 0;
@@ -108,15 +113,16 @@ class DecoupledUpdate {
     const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : means_[kLever2];
-    // Fewer events than the averages remember renew only a share of them, and get only that share of the gain.
-    const double share = signal_ * renewed_, step = share * settings_.translation_gain / determinant;
+    // If an update has fewer events than the averages extend over, only a share of the averages is new, and the gain is
+    // reduced to it, so that old events are not applied again in full.
+    const double share = signal_weight_ * renewed_, step = share * settings_.translation_gain / determinant;
     const Vec3 dT(step * (c_xx * B.x + c_xy * B.y + c_xz * B.z),  // Eqs. (7), (10)
                   step * (c_xy * B.x + c_yy * B.y + c_yz * B.z), step * (c_xz * B.x + c_yz * B.y + c_zz * B.z));
     const Vec3 r = share * settings_.rotation_gain / unit2 * Gamma;  // r = lambda_r Gamma
     const Vec3 T = translation(T_camera_marker) + dT;
     if (!(std::abs(determinant) > 1e-9 && is_finite(T) && std::isfinite(squared_norm(r)))) return false;
     set_translation(T_camera_marker, T);
-    orthonormalize(T_camera_marker);  // before the turn: whoever waits for that does not wait for this
+    orthonormalize(T_camera_marker);  // before the turn: it does not depend on r, which is still being computed
     turn(T_camera_marker, r);         // Eq. (12)
     return true;
   }
@@ -133,26 +139,28 @@ class DecoupledUpdate {
   static constexpr std::size_t kL = 0, kB = 6, kLever2 = 9, kGamma = 10, kTerms = 13;
   using Terms = std::array<double, kTerms>;
 
-  /// Eqs. (6), (8), (9), (11) for one event. The paper writes F where (L - I) F is always zero: nothing would ever
-  /// move; here it is E. The averages are not corrected for the steps made since; measured, that memory of the last
-  /// steps is what lets the pose keep up with a fast motion.
+  /// Eqs. (6), (8), (9), (11) for one event. The paper's (L - I) F is always zero, as F lies on the line of sight, and
+  /// the pose would never move: here it is (L - I) E. After a step, the averages are not recomputed for the new pose;
+  /// measured, just that lets the pose keep up with fast motion.
   /// @param m line of sight M = (m; 1)
-  /// @param gradient of E along its edge's image normal [px/m]
+  /// @param gradient derivative by E of the place of E's image along the edge's normal [px/m]
   /// @param polarity of the event, 0 if not known on which side the edge is dark
   [[gnu::always_inline]] Terms terms(Vec2 m, Vec3 E, Vec3 F, Vec3 gradient, double polarity, Vec3 T) const noexcept {
-    const double by_MM = 1 / (m.x * m.x + m.y * m.y + 1);
-    // (L - I) E = F - E, and on by the trail: along the edge's normal, across the line of sight.
-    const double trail = trail_by_px_ * polarity * F.z * E.z;
-    const double sideways = by_MM * (m.x * gradient.x + m.y * gradient.y);
-    const Vec3 pull{F.x - E.x + trail * (gradient.x - sideways * m.x),
-                    F.y - E.y + trail * (gradient.y - sideways * m.y), F.z - E.z - trail * sideways};
+    const double inverse_MM = 1 / (m.x * m.x + m.y * m.y + 1);
+    // (L - I) E = F - E. A trail of d pixels along the image normal n, toward the dark side for ON events, is
+    // d Z / f (n; 0) in space, and that is d Z^2 / f^2 (g.x, g.y, 0), as the gradient's g.xy = f / Z n. Of this v, the
+    // part across the line of sight counts: v - (M.v / M.M) M.
+    const double trail = trail_over_f2_ * polarity * F.z * E.z;
+    const double along_sight = inverse_MM * (m.x * gradient.x + m.y * gradient.y);
+    const Vec3 pull{F.x - E.x + trail * (gradient.x - along_sight * m.x),
+                    F.y - E.y + trail * (gradient.y - along_sight * m.y), F.z - E.z - trail * along_sight};
     const Vec3 lever = E - T, torque = cross(lever, pull);
-    return {by_MM * m.x * m.x,
-            by_MM * m.x * m.y,
-            by_MM * m.y * m.y,
-            by_MM * m.x,
-            by_MM * m.y,
-            by_MM,
+    return {inverse_MM * m.x * m.x,
+            inverse_MM * m.x * m.y,
+            inverse_MM * m.y * m.y,
+            inverse_MM * m.x,
+            inverse_MM * m.y,
+            inverse_MM,
             pull.x,
             pull.y,
             pull.z,
@@ -175,20 +183,20 @@ class DecoupledUpdate {
   }
 
   Settings settings_;
-  double trail_by_px_ = 0;  // over the square of the focal length [px]
-  double weight_ = 0;       // w0
-  double signal_ = 1;       // see expect_signal
-  double renewed_ = 1;      // share of the averages that the events of one update make up
-  // Until events have shown in which directions the marker can be seen to move, every direction resists alike: a few
-  // events on nearly one line of sight must not be turned into a step along it.
+  double trail_over_f2_ = 0;  // trail / f^2 [1/px]
+  double weight_ = 0;         // w0
+  double signal_weight_ = 1;  // see set_signal_weight
+  double renewed_ = 1;        // share of the averages that the events of one update make up
+  // Zero at first, so that A = I. From a few events on nearly one line of sight A would be almost singular along it,
+  // and the step in depth huge.
   alignas(16) Terms means_{};
-  alignas(64) std::array<simd::Lanes, kTerms> sums_{};  // what the averages gain by the events since the last update
-  bool summing_ = false;                                // else there are none, and the numbers mean nothing
-  double faded_ = 1;                                    // what they keep of what they were before
-  std::array<double, simd::kLanes + 1> kept_{};         // by that number of events
-  std::array<double, 2 * simd::kLanes> weights_{};      // of eight events one after the other, and of none
+  alignas(64) std::array<simd::Lanes, kTerms> sums_{};  // see the batch version of `add`
+  bool summing_ = false;                                // events have been added to them since the last update
+  double faded_ = 1;                                    // what these events leave of the averages
+  std::array<double, simd::kLanes + 1> kept_{};         // kept_[n] = (1 - w0)^n: what n events leave of the averages
+  std::array<double, 2 * simd::kLanes> weights_{};  // w0 (1 - w0)^(7 - i), then zeros: from 8 - n on, those of n events
 };
 
-static_assert(GroupUpdateRule<DecoupledUpdate>);
+static_assert(BatchUpdateRule<DecoupledUpdate>);
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// The error state of a Kalman filter, its covariance, and what time makes of it.
+// The error state of the Kalman filter, its covariance, and the prediction.
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
@@ -32,7 +32,7 @@ struct ErrorCovariance {
   template <std::size_t kBits>
   [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     using Column = simd::Pack<12, kBits>;
-    const double carried = motion.carried, kept = motion.kept;
+    const double carried = motion.pose_by_velocity, kept = motion.velocity_kept;
     const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
       Column column(numbers);
       const Column velocity = column.second_half();
@@ -46,10 +46,10 @@ struct ErrorCovariance {
       Column pose = moved(&xx(0, i)), velocity = moved(&xx(0, 6 + i));
       pose.add(carried, velocity);
       velocity.scale(kept);
-      pose.add_at(k, motion.pose * q[k]);
-      pose.add_at(6 + k, motion.both * q[k]);
-      velocity.add_at(k, motion.both * q[k]);
-      velocity.add_at(6 + k, motion.velocity * q[k]);
+      pose.add_at(k, motion.q_pose * q[k]);
+      pose.add_at(6 + k, motion.q_cross * q[k]);
+      velocity.add_at(k, motion.q_cross * q[k]);
+      velocity.add_at(6 + k, motion.q_velocity * q[k]);
       pose.store(&xx(0, i));
       velocity.store(&xx(0, 6 + i));
     }

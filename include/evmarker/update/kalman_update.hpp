@@ -14,12 +14,15 @@
 
 namespace evmarker {
 
-/// Error-state filter over [translation, rotation, velocity, angular velocity, edge offset, trail], perturbations as in
-/// PoseEstimate. The edge offset is how far [px] on the dark side of an edge its events lie on average: pixels fire on
-/// steps of the logarithm of light, and those crowd where it is dark. Left out, it makes the marker seem smaller and
-/// farther away. The trail is how far [px] behind a moving edge they lie: a pixel fires only when a whole step has been
-/// passed. An edge that moves toward the dark makes ON events, so these lie that much nearer to the bright side than
-/// OFF events, whichever way the marker moves. Left out, the pose trails the marker.
+/// Error-state Kalman filter over [translation, rotation, velocity, angular velocity, edge offset, trail].
+/// Perturbations act on the left, in the camera frame, rotations about the marker's origin.
+///
+/// Edge offset: how far [px] events lie on average toward the dark side of their edge. Pixels fire at equal steps of
+/// the logarithm of light, and across a blurred edge most of these lie on the dark side. Ignored, it makes the marker
+/// seem smaller and farther away. Trail: how far [px] events lie behind their moving edge, as a pixel fires only after
+/// a whole contrast step. ON events come from edges that move toward the dark: they lie one trail toward the bright
+/// side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the pose lag behind the
+/// marker.
 class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
@@ -52,6 +55,7 @@ class KalmanUpdate {
     P_.bb[kTrail][kTrail] = squared(settings.initial_sigma_trail_px);
   }
 
+  // The running means extend over 1000 events (spread) and 100 events (scales).
   void set_events_per_update(int events) noexcept {
     spread_share_ = 1 - std::pow(0.999, events);
     scales_share_ = 1 - std::pow(0.99, events);
@@ -61,7 +65,8 @@ class KalmanUpdate {
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
     const Measurement of_event = measurement(c.gradient, lever, c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
-    // Not finite, in one comparison: it would stay for ever. |turning| is at most |lever| |gradient|.
+    // Not finite, in one comparison: it would stay in the means for ever. The rotation part of the row needs no test of
+    // its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
     sums_.residual2 += of_event.residual2;
@@ -80,13 +85,13 @@ class KalmanUpdate {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const Measurement of_event =
           measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], 1, c.polarity[i]);
-      const double late_us = c.t[i] - t_us;
+      const double since_update_us = c.t[i] - t_us;
       residual2[i] = c.is_event[i] * of_event.residual2;
       lever2[i] = c.is_event[i] * of_event.lever2;
       gradient2[i] = c.is_event[i] * of_event.gradient2;
       product[i] = residual2[i] * (lever2[i] * gradient2[i]);
       weights[i] = c.is_event[i] * of_event.weight;
-      since[i] = c.is_event[i] * (late_us > 0 ? late_us : 0);
+      since[i] = c.is_event[i] * (since_update_us > 0 ? since_update_us : 0);
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
@@ -98,29 +103,35 @@ class KalmanUpdate {
     sums_.since_us += simd::sum(since);
   }
 
+  /// The measurements are applied at the mean time of their events; from there, the pose is moved on to the time t of
+  /// the last event.
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_ == 0) {  // at rest: the first update after it bridges all of it
+    if (signal_weight_ == 0) {  // at rest: t_us_ stays, so that the first update after it predicts over all of the rest
       forget_events();
       return true;
     }
     const double dt = 1e-6 * us_since_update(t);
     const int count = measurements_.count();
     const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
-    if (count > 0) average(count);
+    if (count > 0) update_running_means(count);
     t_us_ = static_cast<double>(t);
     limit_motion(count, dt);
+    // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
+    // yet, but is the prior mean of the error state.
+    const Vec6 predicted_motion = predict_state(mean_dt);
     ErrorState error;
-    set_pose(error, predict(mean_dt));
+    set_pose(error, predicted_motion);
 
-    const double per_event = signal_ / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
-    const bool good = measurements_.correct(P_, error, per_event);
+    const double information_per_event =
+        signal_weight_ / (squared(settings_.inflation) * std::max(spread2_px_, kPixelVariance));
+    const bool good = measurements_.correct(P_, error, information_per_event);
     forget_events();
 
     Vec6 step = pose(error);
     const Vec6 twist = twist_ + velocity(error);
     const double edge_speed = norm(twist.t) + std::sqrt(scales_.lever2) * norm(twist.r);
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
-    if (lead_s != 0) step = step + motion(lead_s).carried * twist;
+    if (lead_s != 0) step = step + motion(lead_s).pose_by_velocity * twist;
     const Vec2 biases{error.b[kOffset], error.b[kTrail]};
     if (!good || !std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
@@ -131,23 +142,26 @@ class KalmanUpdate {
     return true;
   }
 
-  /// @param share of the matched events that are the marker's; 0 at rest
-  void expect_signal(double share) noexcept { signal_ = share; }
+  /// @param weight of the events' information: 1 if at least half of them are surely of moving edges, 0 at rest
+  void set_signal_weight(double weight) noexcept { signal_weight_ = weight; }
 
-  /// Sets how many events all edges make while they move by a pixel, and how many of these one pixel makes in a
-  /// passage. From here on, few events mean little motion.
-  void set_events_per_px(double events, double together) noexcept {
-    events_per_px_ = events;
-    events_together_ = together;
+  /// Switches on the bound of the motion by the number of events.
+  /// @param per_px events that all edges together make while they move by a pixel
+  /// @param per_passage of these, the events that one pixel makes while an edge passes over it
+  void bound_motion_by_events(double per_px, double per_passage) noexcept {
+    events_per_px_ = per_px;
+    events_per_passage_ = per_passage;
   }
 
-  /// Takes a measurement of the trail: by the number of events that a pixel makes while an edge passes over it, and by
-  /// their spread. Forgets the events since the last update.
-  void expect_events_per_px2(Eigen::Isometry3d& T_camera_marker, double events) noexcept {
+  /// Corrects the state, the pose and twist included, by a measurement of the trail with a standard deviation of a
+  /// quarter of its value. The trail follows from the edge's width, which the spread of the residuals shows. Forgets
+  /// the events since the last update.
+  /// @param events_per_px2 that a pixel makes while an edge passes over it
+  void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_px2) noexcept {
     forget_events();
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
     const double width_px = std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
-    const double trail_px = expected_trail_px(width_px, events), sigma_px = 0.25 * trail_px;
+    const double trail_px = expected_trail_px(width_px, events_per_px2), sigma_px = 0.25 * trail_px;
     MeasurementRow row{};
     row[6 + kTrail] = 1;
     row[6 + kBiases] = trail_px - bias_px_[kTrail];
@@ -159,27 +173,28 @@ class KalmanUpdate {
     forget_events();
   }
 
-  /// Moves the pose on to a later time with the present velocity; its covariance grows. Forgets the events since the
-  /// last update.
+  /// Moves the pose on to a later time with the present velocity, without a bound on the motion; its covariance grows.
+  /// Forgets the events since the last update.
   void extrapolate(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     most_motion_m_ = kInfinity;
-    advance(T_camera_marker, t);
+    move_to(T_camera_marker, t);
   }
 
-  /// Moves the pose on to a time until which the marker made no other events: it can hardly have moved.
-  void wait(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_ == 0) {
+  /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
+  /// the pose and its covariance hold until then.
+  void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+    if (signal_weight_ == 0) {
       forget_events();
       t_us_ = std::max(t_us_, static_cast<double>(t));
       return;
     }
     limit_motion(measurements_.count(), 1e-6 * us_since_update(t));
-    advance(T_camera_marker, t);
+    move_to(T_camera_marker, t);
   }
 
   void reverse() noexcept {
     forget_events();
-    lead_s_ = -lead_s_;
+    lead_s_ = -lead_s_;  // in mirrored time, the mean time of the last events is after the pose
     scale_velocity(-1);
   }
 
@@ -190,7 +205,9 @@ class KalmanUpdate {
       for (int i = 0; i < 6; ++i) P(i, k) = P_.xx(i, k);
     if (lead_s_ != 0) add_motion(P, lead_s_);
     const double speed = this->speed(rotation_speed());
-    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(scales_.px_per_m2) * speed) : 0;
+    // An unknown delay of variance delay_s2 shifts the pose along its twist: P = covariance_scale P + delay_s2 twist
+    // twist^T. The uncertainty of the trail is such a delay, too, by the speed of the edges in the image.
+    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(scales_.gradient2) * speed) : 0;
     const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
     const std::array<double, 6> twist = twist_.array(), delayed = (delay_s2 * twist_).array();
     for (std::size_t k = 0; k < 6; ++k)
@@ -201,7 +218,7 @@ class KalmanUpdate {
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
-  /// How far an event lies from where its edge makes events.
+  /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
     return residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
   }
@@ -212,7 +229,7 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
-  static constexpr double kPixelVariance = 1.0 / 12;     // of a place of which only the pixel is known
+  static constexpr double kPixelVariance = 1.0 / 12;     // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
@@ -223,13 +240,14 @@ class KalmanUpdate {
   };
 
   // One event's row [J; d] of d = J [pose; biases]: J = [g, (E - T) x g, s, -s p], with a Cauchy weight.
-  // g: how its edge moves along the image normal; s: 1 if it is known on which side the edge is dark; p: polarity.
+  // g: derivative by E of the edge's place along its image normal [px/m]; s: 1 if it is known on which side the edge is
+  // dark; p: polarity.
   [[gnu::always_inline]] Measurement measurement(Vec3 g, Vec3 lever, double distance_px, double s,
                                                  double p) const noexcept {
-    const Vec3 turning = cross(lever, g);
+    const Vec3 by_rotation = cross(lever, g);
     const double residual = residual_px(distance_px, s, p), residual2 = residual * residual;
     const double robust2 = settings_.robust_px * settings_.robust_px;
-    return {{g.x, g.y, g.z, turning.x, turning.y, turning.z, s, -s * p, residual},
+    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s, -s * p, residual},
             robust2 / (robust2 + residual2),
             residual2,
             squared_norm(lever),
@@ -240,9 +258,9 @@ class KalmanUpdate {
     return distance_px - s * bias_px_[kOffset] + s * p * bias_px_[kTrail];
   }
 
-  static Vec6 pose(const ErrorState& error) noexcept { return of(error, 0); }
-  static Vec6 velocity(const ErrorState& error) noexcept { return of(error, 6); }
-  static Vec6 of(const ErrorState& error, Eigen::Index i) noexcept {
+  static Vec6 pose(const ErrorState& error) noexcept { return six_from(error, 0); }
+  static Vec6 velocity(const ErrorState& error) noexcept { return six_from(error, 6); }
+  static Vec6 six_from(const ErrorState& error, Eigen::Index i) noexcept {
     const auto& x = error.x;
     return {{x(i), x(i + 1), x(i + 2)}, {x(i + 3), x(i + 4), x(i + 5)}};
   }
@@ -251,11 +269,11 @@ class KalmanUpdate {
     std::copy(all.begin(), all.end(), error.x.data());
   }
 
-  void advance(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
+  void move_to(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
-    perturb(T_camera_marker, predict(dt));
+    perturb(T_camera_marker, predict_state(dt));
   }
 
   void forget_events() noexcept {
@@ -264,20 +282,20 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // An edge makes events on its dark side, within its own width, and behind itself. Those that would have it
-    // otherwise are not its own.
-    bias_px_[kOffset] = std::clamp(bias_px_[kOffset] + error.b[kOffset], 0.0, half_width_px());
+    // An edge's events lie on its dark side, within its width, and behind it. A bias outside of these limits would come
+    // from other events.
+    bias_px_[kOffset] = std::clamp(bias_px_[kOffset] + error.b[kOffset], 0.0, max_offset_px());
     bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);
   }
 
-  // Of an edge in the image, by how far its events are spread; half of a pixel at least, however sharp it is.
-  double half_width_px() const noexcept { return std::sqrt(std::max(spread2_px_, 0.25)); }
+  // The root mean square residual, but at least half a pixel, however sharp the edge is.
+  double max_offset_px() const noexcept { return std::sqrt(std::max(spread2_px_, 0.25)); }
 
-  void average(int count) noexcept {
+  void update_running_means(int count) noexcept {
     const double share = scales_known_ ? scales_share_ : 1;
     spread2_px_ += spread_share_ * (sums_.residual2 / count - spread2_px_);
     scales_.lever2 += share * (sums_.lever2 / count - scales_.lever2);
-    scales_.px_per_m2 += share * (sums_.gradient2 / count - scales_.px_per_m2);
+    scales_.gradient2 += share * (sums_.gradient2 / count - scales_.gradient2);
     scales_known_ = true;
   }
 
@@ -297,27 +315,29 @@ class KalmanUpdate {
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
   double rotation_speed() const noexcept { return std::sqrt(scales_.lever2 * squared_norm(twist_.r)); }
   double speed(double rotation_speed) const noexcept { return norm(twist_.t) + rotation_speed; }
+  // White acceleration of a motion that changes its velocity within `turning_distance_m` [m^2/s^3].
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
 
   // Density of the white acceleration along each axis, see KalmanSettings.
   std::array<double, 6> acceleration() const noexcept {
     const double rotation_speed = this->rotation_speed();
     const double translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
-    const double edges = settings_.rotation_share * translation + turning_noise(rotation_speed);
-    const double rotation = edges / std::max(scales_.lever2, kSmallestLever2);
+    const double edges_by_rotation = settings_.rotation_share * translation + turning_noise(rotation_speed);
+    const double rotation = edges_by_rotation / std::max(scales_.lever2, kSmallestLever2);
     return {translation, translation, translation, rotation, rotation, rotation};
   }
 
-  // How far the edges can have moved at most while they made these events, noise among them: no events is a
-  // measurement, too. A velocity that takes them farther is wrong, and as wrong as that it is known.
+  // Bounds the motion of the edges during dt by the number of events, noise among them: few events mean little motion.
+  // If the velocity, or its standard deviation, takes the edges beyond the bound, both are scaled down to it.
   void limit_motion(int events, double dt) noexcept {
     most_motion_m_ = kInfinity;
     if (!(events_per_px_ > 0 && scales_known_)) return;
-    constexpr double kSafety = 6;  // edges along the motion, hidden ones, fewer events of a fast edge
-    const double deviation = std::sqrt((events + events_together_) * events_together_);
-    most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(scales_.px_per_m2));
+    constexpr double kSafety = 6;  // for edges parallel to the motion, hidden ones, and fewer events of fast ones
+    // Events come c at a time, in passages, so their number N has the variance N c; one passage more, as N may be 0.
+    const double deviation = std::sqrt((events + events_per_passage_) * events_per_passage_);
+    most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(scales_.gradient2));
     const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
-    const double expected = motion(dt).carried * std::max(speed(rotation_speed()), velocity_sigma);
+    const double expected = motion(dt).pose_by_velocity * std::max(speed(rotation_speed()), velocity_sigma);
     if (expected > most_motion_m_) scale_velocity(most_motion_m_ / expected);
   }
 
@@ -333,37 +353,39 @@ class KalmanUpdate {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
-  // Noise that moves the edges no farther than they can have moved.
+  // The process noise of a step, but no more than moves the edges to the bound of `limit_motion`.
   MotionStep bounded(MotionStep motion, double acceleration) const noexcept {
-    const double most2 = most_motion_m_ * most_motion_m_, pose = acceleration * motion.pose;
+    const double most2 = most_motion_m_ * most_motion_m_, pose = acceleration * motion.q_pose;
     if (!(pose > most2)) return motion;
-    motion.pose *= most2 / pose;
-    motion.both *= std::sqrt(most2 / pose);
+    motion.q_pose *= most2 / pose;
+    motion.q_cross *= std::sqrt(most2 / pose);
     return motion;
   }
 
-  // What a time does to the pose's quarter of F P F^T + Q.
+  // Adds to a covariance of the pose what a prediction by dt adds to it: the pose's block of F P F^T + Q.
   void add_motion(Matrix6d& P, double dt) const noexcept {
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
     for (int k = 0; k < 6; ++k) {
       for (int i = 0; i < 6; ++i)
-        P(i, k) += motion.carried * (P_.xx(6 + i, k) + P_.xx(i, 6 + k) + motion.carried * P_.xx(6 + i, 6 + k));
-      P(k, k) += motion.pose * q[static_cast<std::size_t>(k)];
+        P(i, k) += motion.pose_by_velocity *
+                   (P_.xx(6 + i, k) + P_.xx(i, 6 + k) + motion.pose_by_velocity * P_.xx(6 + i, 6 + k));
+      P(k, k) += motion.q_pose * q[static_cast<std::size_t>(k)];
     }
   }
 
-  // Predicts the state to a time after the pose. Returns the motion of the pose.
-  Vec6 predict(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s, carried_before = motion(lead_s_).carried;
+  // Predicts the state (P_, twist_) to a time after the pose. The pose has been moved on from the state's time by
+  // motion(lead_s_) already: only the rest is returned as its motion.
+  Vec6 predict_state(double after_pose_s) noexcept {
+    const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
     lead_s_ = 0;
-    if (dt == 0) return -carried_before * twist_;  // with a pose for every event, every other time
+    if (dt == 0) return -moved_already * twist_;  // events of the same time, with a pose for each
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
-    const Vec6 moved = (motion.carried - carried_before) * twist_;
-    twist_ = motion.kept * twist_;
+    const Vec6 moved = (motion.pose_by_velocity - moved_already) * twist_;
+    twist_ = motion.velocity_kept * twist_;
     return moved;
   }
 
@@ -371,27 +393,28 @@ class KalmanUpdate {
   ErrorCovariance P_;
   Vec6 twist_;
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
-  double most_motion_m_ = kInfinity;       // of the edges since the update before, by the events
-  double signal_ = 1;                      // see expect_signal
-  double events_together_ = 1;
+  double most_motion_m_ = kInfinity;       // bound of the edges' motion since the last update, see limit_motion
+  double signal_weight_ = 1;               // see set_signal_weight
+  double events_per_passage_ = 1;
   double events_per_px_ = 0;  // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
   struct Scales {
-    double lever2 = 0, px_per_m2 = 0;
+    double lever2 = 0, gradient2 = 0;
   };
   Scales scales_;  // running means of |E - T|^2 [m^2] and |gradient|^2 [px^2/m^2]
   bool scales_known_ = false;
-  double spread_share_ = 0, scales_share_ = 0;  // of the next update's events in them
+  double spread_share_ = 0, scales_share_ = 0;  // weight of the next update in the running means
   struct Sums {
     double residual2 = 0, lever2 = 0, gradient2 = 0, since_us = 0;
   };
-  Sums sums_;                // over the events since the last update; their times since then [us]
-  double lead_s_ = 0;        // from the filter's state, which is at the mean time of its last events, to the pose
-  double t_us_ = kInfinity;  // time of the pose, exact to 2^53 us; before the first, no time passes
+  Sums sums_;          // over the events since the last update; since_us: of their times after it
+  double lead_s_ = 0;  // from the filter's state, which is at the mean time of its last events, to the pose
+  double t_us_ =
+      kInfinity;  // time of the pose [us], exact to 2^53; infinite before the first update: us_since_update() is 0
 };
 
-static_assert(MotionEstimatingRule<KalmanUpdate> && GroupUpdateRule<KalmanUpdate>);
+static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);
 
 }  // namespace evmarker

@@ -15,10 +15,11 @@ namespace evmarker {
 /// Scalar measurements d = J [pose; b] of an error state: one array for each component.
 struct MeasurementRows {
   static constexpr std::size_t kMost = 32;
-  static constexpr std::size_t kStates = 6 + kBiases, kNumbers = kStates + 1;  ///< of J, and with d
+  static constexpr std::size_t kStates = 6 + kBiases;  ///< length of J: pose and biases; events do not measure velocity
+  static constexpr std::size_t kNumbers = kStates + 1;  ///< length of [J; d]
   using Numbers = std::array<double, kMost>;
 
-  alignas(64) std::array<Numbers, kNumbers> row{};  ///< [J; d]
+  alignas(64) std::array<Numbers, kNumbers> row{};  ///< row[k][m]: element k of [J; d] of measurement m
   alignas(64) Numbers weight{};                     ///< inverse variance, up to a factor
 };
 
@@ -29,8 +30,8 @@ struct MeasurementRows {
 ///     x += K (d - J x)
 ///     P -= K J P
 ///
-/// P is read and written once for all of them: P J^T and the innovations d - J x are computed for the prior, and what
-/// each measurement changes of the later ones' is subtracted from these.
+/// P is read and written once for all of them: P J^T and the innovations d - J x of all measurements are computed from
+/// the prior. Then, one measurement after the other, its effect on those of the later ones is subtracted.
 template <std::size_t kCount, std::size_t kBits>
 class SequentialUpdate {
  public:
@@ -40,7 +41,7 @@ class SequentialUpdate {
   [[gnu::always_inline]] static bool apply(const MeasurementRows& rows, std::size_t first, double information,
                                            ErrorCovariance& P, ErrorState& error) noexcept {
     SequentialUpdate update;
-    update.project(rows, first, information, P, error);
+    update.compute_from_prior(rows, first, information, P, error);
     update.condition();
     if (!update.valid(P)) return false;
     update.correct(P, error);
@@ -49,19 +50,20 @@ class SequentialUpdate {
 
  private:
   using Column = simd::Pack<12, kBits>;
-  // A number of each measurement. One or two are read as they were written: read as a whole vector, they would have to
-  // wait until they have left for memory.
+  // One number per measurement. One or two are loaded singly, as they were stored: a vector load that spans several
+  // recent stores would have to wait until these have reached the cache.
   using Each = simd::Pack<kCount, (kCount > 2 ? kBits : 64)>;
 
-  static constexpr std::size_t kPose = 6, kMeasured = MeasurementRows::kStates;  // places in a row
+  static constexpr std::size_t kPose = 6;                      // elements of the pose in J, the biases follow
+  static constexpr std::size_t kD = MeasurementRows::kStates;  // place of d
 
   // Of the prior: P J^T, the innovations d - J x, J P J^T of every two measurements, and R.
-  [[gnu::always_inline]] void project(const MeasurementRows& rows, std::size_t first, double information,
-                                      const ErrorCovariance& P, const ErrorState& error) noexcept {
+  [[gnu::always_inline]] void compute_from_prior(const MeasurementRows& rows, std::size_t first, double information,
+                                                 const ErrorCovariance& P, const ErrorState& error) noexcept {
     const auto of_each = [&](std::size_t place) __attribute__((always_inline)) {
       return Each(&rows.row[place][first]);
     };
-    innovation_ = of_each(kMeasured);
+    innovation_ = of_each(kD);
 #pragma GCC unroll 2
     for (std::size_t b = 0; b < kBiases; ++b) {
       innovation_.subtract(error.b[b], of_each(kPose + b));
@@ -84,51 +86,52 @@ class SequentialUpdate {
       for (std::size_t k = 0; k < kPose; ++k) JPJ_[m].add(PJ_[m][k], of_each(k));
 #pragma GCC unroll 2
       for (std::size_t b = 0; b < kBiases; ++b) JPJ_[m].add(PJ_b_[b][m], of_each(kPose + b));
-      S_[m] = 1 / (information * rows.weight[first + m]);
+      S_[m] = 1 / (information * rows.weight[first + m]);  // R; `condition` adds J P J^T
     }
   }
 
-  // Of the posterior of the measurements before each: S, P J^T, the innovation.
+  // Replaces S, P J^T and the innovation of each measurement by what they are after the measurements before it.
   [[gnu::always_inline]] void condition() noexcept {
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
       S_[m] += JPJ_[m][m];
       by_S_[m] = 1 / S_[m];
       innovation_by_S_[m] = by_S_[m] * innovation_[m];
-      for (std::size_t b = 0; b < kBiases; ++b) b_[b][m] = PJ_b_[b][m];
+      for (std::size_t b = 0; b < kBiases; ++b) bias_PJ_[b][m] = PJ_b_[b][m];
       gain_[m] = PJ_[m];
       gain_[m].scale(by_S_[m]);
-      Each shared = JPJ_[m];
-      shared.scale(by_S_[m]);
+      Each effect = JPJ_[m];
+      effect.scale(by_S_[m]);
 #pragma GCC unroll 4
       for (std::size_t later = m + 1; later < kCount; ++later) {
-        JPJ_[later].subtract(shared[later], JPJ_[m]);
-        PJ_[later].subtract(shared[later], PJ_[m]);
+        JPJ_[later].subtract(effect[later], JPJ_[m]);
+        PJ_[later].subtract(effect[later], PJ_[m]);
       }
 #pragma GCC unroll 2
-      for (std::size_t b = 0; b < kBiases; ++b) PJ_b_[b].subtract(b_[b][m], shared);
+      for (std::size_t b = 0; b < kBiases; ++b) PJ_b_[b].subtract(bias_PJ_[b][m], effect);
       const double innovation = innovation_[m];
-      innovation_.subtract(innovation, shared);
+      innovation_.subtract(innovation, effect);
     }
   }
 
-  // True if all variances are positive and stay so.
+  // True if S and the posterior variances of pose and biases are positive and the innovations finite. The velocity is
+  // not checked.
   [[gnu::always_inline]] bool valid(const ErrorCovariance& P) const noexcept {
     bool positive = true;
     double innovations = 0;
     std::array<double, kBiases> bias;
     for (std::size_t b = 0; b < kBiases; ++b) bias[b] = P.bb[b][b];
-    Column less;
+    Column reduction;
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
       positive = positive && S_[m] > 0;
-      less.add_product(PJ_[m], gain_[m]);
-      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * b_[b][m] * b_[b][m];
+      reduction.add_product(PJ_[m], gain_[m]);
+      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * bias_PJ_[b][m] * bias_PJ_[b][m];
       innovations += std::abs(innovation_by_S_[m]);
     }
     double least = std::min(bias[0], bias[1]);
 #pragma GCC unroll 8
-    for (std::size_t k = 0; k < kPose; ++k) least = std::min(least, P.xx.data()[12 * k + k] - less[k]);
+    for (std::size_t k = 0; k < kPose; ++k) least = std::min(least, P.xx.data()[12 * k + k] - reduction[k]);
     return positive && least > 0 && innovations < std::numeric_limits<double>::infinity();
   }
 
@@ -139,9 +142,9 @@ class SequentialUpdate {
       x.add(innovation_by_S_[m], PJ_[m]);
 #pragma GCC unroll 2
       for (std::size_t b = 0; b < kBiases; ++b) {
-        error.b[b] += innovation_by_S_[m] * b_[b][m];
+        error.b[b] += innovation_by_S_[m] * bias_PJ_[b][m];
 #pragma GCC unroll 2
-        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * b_[b][m] * b_[c][m];
+        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * bias_PJ_[b][m] * bias_PJ_[c][m];
       }
     }
     x.store(error.x.data());
@@ -150,7 +153,7 @@ class SequentialUpdate {
       double* const place = k < 12 ? P.xx.data() + 12 * k : P.xb[k - 12].data();
       Column column(place);
 #pragma GCC unroll 4
-      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : b_[k - 12][m], gain_[m]);
+      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : bias_PJ_[k - 12][m], gain_[m]);
       column.store(place);
     }
   }
@@ -161,7 +164,7 @@ class SequentialUpdate {
   Each innovation_;                  // d - J x
   std::array<Each, kCount> JPJ_;     // of every two measurements
   std::array<double, kCount> S_, by_S_, innovation_by_S_;
-  std::array<std::array<double, kCount>, kBiases> b_;  // rows of b of P J^T, given the measurements before
+  std::array<std::array<double, kCount>, kBiases> bias_PJ_;  // copies of PJ_b_: later measurements change these
 };
 
 }  // namespace evmarker

@@ -10,6 +10,8 @@
 
 namespace evmarker {
 
+// clang-format off
+
 /// A rule collects matched events at one pose with `add` and moves the pose with `update`. None of its functions throws
 /// or allocates. It is a value: a copy goes on independently.
 template <typename R>
@@ -19,33 +21,28 @@ concept PoseUpdateRule = std::copyable<R> &&
   /// Settings are validated here: std::invalid_argument names what is wrong.
   R(settings, events_per_update);
   /// Sets the number of events between two updates.
-  { rule.set_events_per_update(events_per_update) }
-  noexcept;
-  /// Takes one matched event; the pose is the one at which it was matched.
-  { rule.add(correspondence, T_camera_marker) }
-  noexcept;
+  { rule.set_events_per_update(events_per_update) } noexcept;
+  /// Adds one matched event; the pose is the one at which it was matched.
+  { rule.add(correspondence, T_camera_marker) } noexcept;
   /// Moves the pose to the time of the last event. False, with the pose as it was, for a skipped (singular) step.
-  { rule.update(T_camera_marker, t) }
-  noexcept->std::same_as<bool>;
-  /// Forgets what was collected and prepares to run backwards in time.
-  { rule.reverse() }
-  noexcept;
+  { rule.update(T_camera_marker, t) } noexcept -> std::same_as<bool>;
+  /// Forgets what was collected and prepares for past events, newest first. The caller mirrors their times, so that t
+  /// still increases.
+  { rule.reverse() } noexcept;
 };
 
-/// A rule that takes eight matched events as fast as one: its `add` is inline and made of loops over lanes.
+/// A rule whose `add` also takes up to eight matched events at once.
 template <typename R>
-concept GroupUpdateRule = PoseUpdateRule<R> &&
+concept BatchUpdateRule = PoseUpdateRule<R> &&
     requires(R& rule, const Correspondences& correspondences, Eigen::Isometry3d& T_camera_marker) {
-  { rule.add(correspondences, T_camera_marker) }
-  noexcept;
+  { rule.add(correspondences, T_camera_marker) } noexcept;
 };
 
-/// A rule that allows for background among the matched events: while the marker rests, all of them are.
+/// A rule that can allow for background among the matched events; while the marker is at rest, all of them are.
 template <typename R>
-concept RestingRule = PoseUpdateRule<R> && requires(R& rule) {
-  /// Sets the share of the matched events that are the marker's, 0 at rest.
-  { rule.expect_signal(1.0) }
-  noexcept;
+concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule) {
+  /// Sets the weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
+  { rule.set_signal_weight(1.0) } noexcept;
 };
 
 /// A rule that estimates the motion and the covariance, too.
@@ -53,22 +50,31 @@ template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
     requires(R& rule, const R& constant, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
   /// Moves the pose on to a later time without events; forgets what was collected.
-  { rule.extrapolate(T_camera_marker, t) }
-  noexcept;
+  { rule.extrapolate(T_camera_marker, t) } noexcept;
   { constant.covariance() } -> std::same_as<Matrix6d>;
   { constant.twist() } -> std::same_as<Vector6d>;
 };
 
-/// No event since the marker's last one.
-inline constexpr Timestamp kNothingHeard = std::numeric_limits<Timestamp>::min();
+/// A rule that bounds the motion by the number of events that there were.
+template <typename R>
+concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
+  /// Moves the pose on to a time until which all events have been added.
+  { rule.advance_by_event_count(T_camera_marker, t) } noexcept;
+};
+
+// clang-format on
+
+/// It is not known whether there were events after the marker's last one.
+inline constexpr Timestamp kPushedUntilUnknown = std::numeric_limits<Timestamp>::min();
 
 /// A pose moved on to a later time by the motion model of its rule, if there is one.
-/// @param heard all events before this time have been pushed: the fewer there were, the less the marker moved
+/// @param pushed_until all events before this time have been pushed: until then, few of them mean little motion
 template <PoseUpdateRule Rule>
-PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t, Timestamp heard = kNothingHeard) noexcept {
-  if constexpr (requires { rule.wait(pose.T_camera_marker, t); })
+PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t,
+                          Timestamp pushed_until = kPushedUntilUnknown) noexcept {
+  if constexpr (MotionBoundingRule<Rule>)
     if (pose.quality.state != TrackingState::lost)
-      rule.wait(pose.T_camera_marker, std::max(pose.t, std::min(heard, t)));
+      rule.advance_by_event_count(pose.T_camera_marker, std::max(pose.t, std::min(pushed_until, t)));
   pose.t = t;
   if constexpr (MotionEstimatingRule<Rule>) {
     rule.extrapolate(pose.T_camera_marker, t);
