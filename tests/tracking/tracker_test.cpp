@@ -18,11 +18,10 @@
 
 using namespace evmarker;
 using simulated::KnowingDetector;
+using simulated::seconds;
 using namespace std::chrono_literals;
 
 namespace {
-
-double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
 
 opencv::ArucoDetector<PinholeCamera> aruco() {
   return {simulated::camera, {.dictionary = "DICT_4X4_50", .marker_length = simulated::kMarkerLength}};
