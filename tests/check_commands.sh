@@ -17,7 +17,7 @@ for program in simulate track_file; do
 done
 
 rm -rf "$scratch"
-mkdir -p "$scratch"/{home,help,build/release/examples,build/release/bench}
+mkdir -p "$scratch"/{home,help,build/release/{examples,bench,tests}}
 export HOME=$scratch/home # what ~ stands for
 for file in "$root"/*; do
   [ "$(basename "$file")" = build ] || ln -s "$file" "$scratch/"
@@ -85,7 +85,7 @@ ctest() {
   echo "subdirs($build)" >"$scratch/CTestTestfile.cmake" # in BUILD it would overwrite the log of the last run
   tests=$(command ctest --test-dir "$scratch" -N "${@:3}") || return
   grep -q "^Total Tests: 0$" <<<"$tests" || return 0
-  [ -d "$root/tests/$4" ] || compgen -G "$root/tests/*/$4_test.cpp" >/dev/null || fault "no test matches ${*:3}" || return
+  [ -d "$root/tests/$4" ] || fault "no test matches ${*:3}" || return
   echo "not run, not built: the tests that match ${*:3}"
 }
 
@@ -103,7 +103,14 @@ gnuplot() {
   fi
 }
 
-export -f fault check_options check_benchmarks check_preset cmake ctest bash gnuplot
+# Lists the tests of a room instead of running them.
+check_tests() { # ROOM [FILTER...]
+  local program=$build/tests/$1_test
+  [ -x "$program" ] || { echo "not run, not built: the tests of $1"; return; }
+  ! "$program" --list-test-cases "${@:2}" | grep -q "filters: 0$" || fault "no test of $1 matches ${*:2}"
+}
+
+export -f fault check_options check_benchmarks check_preset cmake ctest bash gnuplot check_tests
 
 # --- The programs: those of examples/ run, of the others the arguments are checked -----------------------------------
 
@@ -133,6 +140,12 @@ for program in "${programs[@]}"; do
   fi
   chmod +x "$here"
 done
+
+for folder in "$root"/tests/*/; do
+  room=$(basename "$folder")
+  printf '#!/usr/bin/env bash\ncheck_tests %s "$@"\n' "$room" >"$scratch/build/release/tests/${room}_test"
+done
+chmod +x "$scratch"/build/release/tests/*
 
 # --- The pages -------------------------------------------------------------------------------------------------------
 

@@ -61,14 +61,16 @@ cmake --preset release && cmake --build build/release --target no_such_target &&
 cmake -S . -B build/install -D EVMARKER_BUILD_TESTS=OFF -D EVMARKER_BUILD_EXAMPLES=OFF -D EVMARKER_BUILD_BENCH=OFF -D NO_SUCH_SETTING=1
 ctest --preset no_such_tests -L tracking
 ctest --preset release -L no_such_room
+build/release/tests/tracking_test --source-file='*no_such_header*'
 ```
 PAGE
 run_check
-expect 1 "check_commands: 16 of 16 commands are wrong" "track_file has no option --boards" "no program has the option --no-such-option" \
+expect 1 "check_commands: 17 of 17 commands are wrong" "track_file has no option --boards" "no program has the option --no-such-option" \
   "no_such_script.sh: No such file" "trackfile: No such file" "not expected: poses.csv --no-such-output" "no_such.raw: cannot open" \
   "--no-such-screen" "overload has no option --no-such-rate" "there is no bench/no_such_digests.txt" \
   "no benchmark matches no_such_benchmark" "no configure preset no_such_preset" "no build preset no_such_build" \
-  "no target no_such_target" "NO_SUCH_SETTING" "no test preset no_such_tests" "no test matches -L no_such_room"
+  "no target no_such_target" "NO_SUCH_SETTING" "no test preset no_such_tests" "no test matches -L no_such_room" \
+  "no test of tracking matches"
 
 echo "Nothing to run." >"$page"
 run_check

@@ -5,9 +5,9 @@
 #include <numbers>
 #include <random>
 
-class Random {
+class SeededNumbers {
  public:
-  explicit Random(unsigned seed) : engine_(seed) {}
+  explicit SeededNumbers(unsigned seed) : engine_(seed) {}
   double operator()(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
   int integer(int low, int high) { return std::uniform_int_distribution<int>(low, high)(engine_); }
 
@@ -16,7 +16,8 @@ class Random {
 };
 
 /// Somewhere in a cone about the optical axis, tilted and turned.
-inline Eigen::Isometry3d random_pose(Random& random, double distance, double max_tilt, bool from_behind = false) {
+inline Eigen::Isometry3d random_pose(SeededNumbers& random, double distance, double max_tilt,
+                                     bool from_behind = false) {
   constexpr double kPi = std::numbers::pi;
   const double turn = random(-kPi, kPi), direction = random(-kPi, kPi), tilt = random(0, max_tilt);
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();

@@ -15,6 +15,8 @@ namespace evmarker::simulated {
 inline const PinholeCamera camera{{640, 480}, 533, 533, 319.5, 239.5};
 constexpr double kMarkerLength = 0.10;
 
+constexpr double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
+
 /// The cells of DICT_4X4_50's markers 0 and 1, so that tests of the core need no OpenCV.
 inline CodeBits code(int id = 0) {
   CodeBits bits(4, 4);

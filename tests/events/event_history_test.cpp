@@ -13,7 +13,7 @@ using evmarker::Timestamp;
 
 namespace {
 
-Event event_at(Timestamp t) { return {static_cast<std::uint16_t>(t % 640), 0, 1, t}; }
+Event timed(Timestamp t) { return {static_cast<std::uint16_t>(t % 640), 0, 1, t}; }
 
 std::vector<Timestamp> in_order(const EventHistory& history) {
   std::vector<Timestamp> times;
@@ -53,54 +53,54 @@ TEST_CASE("an empty history has nothing to tell") {
 
 TEST_CASE("events are kept in order until the ring is full, then the oldest goes") {
   EventHistory history(4);
-  for (Timestamp t = 1; t <= 3; ++t) history.push(event_at(t));
+  for (Timestamp t = 1; t <= 3; ++t) history.push(timed(t));
   CHECK(in_order(history) == Times{1, 2, 3});
   CHECK_FALSE(history.full());
-  history.push(event_at(4));
+  history.push(timed(4));
   CHECK(in_order(history) == Times{1, 2, 3, 4});
   CHECK(history.full());
-  history.push(event_at(5));
+  history.push(timed(5));
   CHECK(in_order(history) == Times{2, 3, 4, 5});
   CHECK(history.full());
   CHECK(history.pushed() == 5);
-  CHECK(history[0] == event_at(2));  // whole events, not only their times
+  CHECK(history[0] == timed(2));  // whole events, not only their times
 }
 
 TEST_CASE("events since a position are those pushed after it that are still kept") {
   EventHistory history(4);
-  for (Timestamp t = 0; t < 3; ++t) history.push(event_at(t));
+  for (Timestamp t = 0; t < 3; ++t) history.push(timed(t));
   const std::uint64_t position = history.pushed();
   CHECK(since(history, position).empty());
-  history.push(event_at(3));
-  history.push(event_at(4));
+  history.push(timed(3));
+  history.push(timed(4));
   CHECK(since(history, position) == Times{3, 4});
   CHECK(since(history, 0) == Times{1, 2, 3, 4});
-  for (Timestamp t = 5; t < 12; ++t) history.push(event_at(t));
+  for (Timestamp t = 5; t < 12; ++t) history.push(timed(t));
   CHECK(since(history, position) == Times{8, 9, 10, 11});  // the rest is forgotten
   CHECK(since(history, history.pushed() + 5).empty());
 }
 
 TEST_CASE("clearing forgets the events and keeps the position in the stream") {
   EventHistory history(4);
-  for (Timestamp t = 0; t < 6; ++t) history.push(event_at(t));
+  for (Timestamp t = 0; t < 6; ++t) history.push(timed(t));
   history.clear();
   CHECK(history.size() == 0);
   CHECK_FALSE(history.full());
   CHECK(history.pushed() == 6);
   CHECK(since(history, 0).empty());
-  history.push(event_at(6));
+  history.push(timed(6));
   CHECK(in_order(history) == Times{6});
   CHECK(since(history, 3) == Times{6});
-  for (Timestamp t = 7; t < 12; ++t) history.push(event_at(t));
+  for (Timestamp t = 7; t < 12; ++t) history.push(timed(t));
   CHECK(in_order(history) == Times{8, 9, 10, 11});
 }
 
 TEST_CASE("a copy goes on by itself") {
   EventHistory history(2);
-  history.push(event_at(1));
+  history.push(timed(1));
   EventHistory copy = history;
-  history.push(event_at(2));
-  copy.push(event_at(3));
+  history.push(timed(2));
+  copy.push(timed(3));
   CHECK(in_order(history) == Times{1, 2});
   CHECK(in_order(copy) == Times{1, 3});
 }
@@ -114,7 +114,7 @@ TEST_CASE("a long stream with clears agrees with a deque") {
       history.clear();
       expected.clear();
     }
-    history.push(event_at(t));
+    history.push(timed(t));
     expected.push_back(t);
     if (expected.size() > 8) expected.pop_front();
     REQUIRE(in_order(history) == Times(expected.begin(), expected.end()));

@@ -10,14 +10,14 @@ using namespace evmarker::io::test;
 
 namespace {
 
-Decoded decode(const std::vector<std::uint32_t>& words) {
+Decoded decode_evt2(const std::vector<std::uint32_t>& words) {
   return decode_with(Evt2Decoder({640, 480}), as_span(to_bytes(words)));
 }
 
-constexpr std::uint32_t cd(unsigned x, unsigned y, unsigned p, unsigned t) {
+constexpr std::uint32_t cd20(unsigned x, unsigned y, unsigned p, unsigned t) {
   return p << 28U | t << 22U | x << 11U | y;
 }
-constexpr std::uint32_t high(unsigned v) { return 8U << 28U | v; }
+constexpr std::uint32_t high20(unsigned v) { return 8U << 28U | v; }
 
 constexpr std::uint64_t cd21(std::uint64_t x, std::uint64_t y, std::uint64_t p, std::uint64_t t, std::uint64_t mask) {
   return p << 60U | t << 54U | x << 43U | y << 32U | mask;
@@ -28,22 +28,23 @@ constexpr std::uint64_t high21(std::uint64_t v) { return std::uint64_t{8} << 60U
 
 TEST_CASE("EVT2: events carry pixel, polarity and time") {
   // The first three words of a real recording, worked out by hand.
-  const auto [events, triggers, statistics] = decode({0x80D9D8D0, 0x100119BB, 0x100121BB});
+  const auto [events, triggers, statistics] = decode_evt2({0x80D9D8D0, 0x100119BB, 0x100121BB});
   CHECK(events == std::vector<Event>{{35, 443, 1, 913716224}, {36, 443, 1, 913716224}});
   CHECK(statistics == RecordingStatistics{.events = 2});
-  CHECK(decode({high(3), cd(639, 479, 0, 63)}).events == std::vector<Event>{{639, 479, 0, 3 * 64 + 63}});
+  CHECK(decode_evt2({high20(3), cd20(639, 479, 0, 63)}).events == std::vector<Event>{{639, 479, 0, 3 * 64 + 63}});
 }
 
 TEST_CASE("EVT2: everything before the first TIME_HIGH is dropped and counted") {
-  const auto [events, triggers, statistics] = decode({cd(1, 1, 1, 5), 0xA0000001, high(0), cd(2, 2, 1, 5)});
+  const auto [events, triggers, statistics] = decode_evt2({cd20(1, 1, 1, 5), 0xA0000001, high20(0), cd20(2, 2, 1, 5)});
   CHECK(events == std::vector<Event>{{2, 2, 1, 5}});
   CHECK(triggers.empty());
   CHECK(statistics == RecordingStatistics{.events = 1, .dropped_before_time = 2});
 }
 
 TEST_CASE("EVT2: the clock wraps after 2^34 us, a small step back is not a wrap") {
-  const auto [events, triggers, statistics] = decode({high(0xFFFFFFF), cd(0, 0, 0, 63), high(0xFFFFFFE), cd(0, 0, 0, 0),
-                                                      high(0xFFFFFFF), high(0), cd(0, 0, 0, 1), cd(0, 0, 0, 0)});
+  const auto [events, triggers, statistics] =
+      decode_evt2({high20(0xFFFFFFF), cd20(0, 0, 0, 63), high20(0xFFFFFFE), cd20(0, 0, 0, 0), high20(0xFFFFFFF),
+                   high20(0), cd20(0, 0, 0, 1), cd20(0, 0, 0, 0)});
   const Timestamp loop = Timestamp{1} << 34;
   REQUIRE(events.size() == 4);
   CHECK(events[0].t == loop - 1);
@@ -55,8 +56,8 @@ TEST_CASE("EVT2: the clock wraps after 2^34 us, a small step back is not a wrap"
 
 TEST_CASE("EVT2: triggers, ignored words, unknown words and events off the sensor") {
   const auto [events, triggers, statistics] =
-      decode({high(1), 10U << 28U | 9U << 22U | 31U << 8U | 1U, 10U << 28U | 10U << 22U, 14U << 28U, 15U << 28U,
-              2U << 28U, 9U << 28U, cd(640, 0, 0, 0), cd(0, 480, 0, 0), cd(2047, 2047, 1, 0)});
+      decode_evt2({high20(1), 10U << 28U | 9U << 22U | 31U << 8U | 1U, 10U << 28U | 10U << 22U, 14U << 28U, 15U << 28U,
+                   2U << 28U, 9U << 28U, cd20(640, 0, 0, 0), cd20(0, 480, 0, 0), cd20(2047, 2047, 1, 0)});
   CHECK(events.empty());
   CHECK(triggers == std::vector<TriggerEvent>{{31, true, 73}, {0, false, 74}});
   CHECK(statistics == RecordingStatistics{.triggers = 2, .off_sensor = 3, .unknown_words = 2});

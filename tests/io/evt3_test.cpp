@@ -10,7 +10,7 @@ using namespace evmarker::io::test;
 
 namespace {
 
-Decoded decode(const std::vector<std::uint16_t>& words, SensorSize size = {640, 480}) {
+Decoded decode_evt3(const std::vector<std::uint16_t>& words, SensorSize size = {640, 480}) {
   return decode_with(Evt3Decoder(size), as_span(to_bytes(words)));
 }
 
@@ -41,7 +41,7 @@ Decoded round_trip(const std::vector<Event>& events, SensorSize size, std::size_
 
 TEST_CASE("EVT3: single events carry row, column, polarity and time") {
   const auto [events, triggers, statistics] =
-      decode({0x8001, 0x6002, 0x0064, 0x2832, 0x2033});  // high 1, low 2, row 100, x 50 ON, x 51 OFF
+      decode_evt3({0x8001, 0x6002, 0x0064, 0x2832, 0x2033});  // high 1, low 2, row 100, x 50 ON, x 51 OFF
   CHECK(events == std::vector<Event>{{50, 100, 1, 4098}, {51, 100, 0, 4098}});
   CHECK(triggers.empty());
   CHECK(statistics == RecordingStatistics{.events = 2});
@@ -49,41 +49,41 @@ TEST_CASE("EVT3: single events carry row, column, polarity and time") {
 
 TEST_CASE("EVT3: each bit of a vector is a column, and the next vector begins behind it") {
   const auto [events, triggers, statistics] =
-      decode({high(0), low(7), y(3), base(100, 1), v12(0b100000000001), v8(0b10000001), v12(0b10)});
+      decode_evt3({high(0), low(7), y(3), base(100, 1), v12(0b100000000001), v8(0b10000001), v12(0b10)});
   const std::vector<Event> expected{{100, 3, 1, 7}, {111, 3, 1, 7}, {112, 3, 1, 7}, {119, 3, 1, 7}, {121, 3, 1, 7}};
   CHECK(events == expected);
   CHECK(statistics.events == 5);
 }
 
 TEST_CASE("EVT3: VECT_8 holds eight bits, a single event keeps the vector's base") {
-  const auto events = decode({high(0), y(3), base(100, 0), v8(0xF01), x(5, 1), v8(0x01)}).events;
+  const auto events = decode_evt3({high(0), y(3), base(100, 0), v8(0xF01), x(5, 1), v8(0x01)}).events;
   CHECK(events == std::vector<Event>{{100, 3, 0, 0}, {5, 3, 1, 0}, {108, 3, 0, 0}});
 }
 
 TEST_CASE("EVT3: a changed TIME_HIGH clears the low part, a repeated one does not") {
-  const auto events = decode({high(5), low(9), y(0), x(0, 0), high(5), x(1, 0), high(6), x(2, 0)}).events;
+  const auto events = decode_evt3({high(5), low(9), y(0), x(0, 0), high(5), x(1, 0), high(6), x(2, 0)}).events;
   CHECK(times(events) == std::vector<Timestamp>{5 * 4096 + 9, 5 * 4096 + 9, 6 * 4096});
 }
 
 TEST_CASE("EVT3: the clock wraps every 2^24 us, any number of times") {
-  const auto [events, triggers, statistics] = decode(
+  const auto [events, triggers, statistics] = decode_evt3(
       {high(4095), low(4095), y(0), x(0, 0), high(0), x(1, 0), high(2047), high(4094), x(2, 0), high(1), x(3, 0)});
   CHECK(times(events) == std::vector<Timestamp>{(1 << 24) - 1, 1 << 24, (1 << 24) + (4094 << 12), (2 << 24) + 4096});
   CHECK(statistics.time_steps_back == 0);
 }
 
 TEST_CASE("EVT3: a step back by 2048 time words or more is a wrap") {
-  CHECK(times(decode({high(3000), high(952), y(0), x(0, 0)}).events) ==
+  CHECK(times(decode_evt3({high(3000), high(952), y(0), x(0, 0)}).events) ==
         std::vector<Timestamp>{(Timestamp{1} << 24) + 952 * 4096});
-  CHECK(times(decode({high(3000), high(953), y(0), x(0, 0)}).events) == std::vector<Timestamp>{953 * 4096});
+  CHECK(times(decode_evt3({high(3000), high(953), y(0), x(0, 0)}).events) == std::vector<Timestamp>{953 * 4096});
 }
 
 TEST_CASE("EVT3: a step back in time is delivered, counted and not carried over to later times") {
   const auto [events, triggers, statistics] =
-      decode({high(9), low(500), y(0), x(0, 0), low(100), x(1, 0), high(8), x(2, 0), high(9), low(600), x(3, 0)});
+      decode_evt3({high(9), low(500), y(0), x(0, 0), low(100), x(1, 0), high(8), x(2, 0), high(9), low(600), x(3, 0)});
   CHECK(times(events) == std::vector<Timestamp>{9 * 4096 + 500, 9 * 4096 + 100, 8 * 4096, 9 * 4096 + 600});
   CHECK(statistics.time_steps_back == 2);
-  CHECK(decode({high(9), low(500), y(0), x(0, 0), low(100), low(700), x(1, 0)}).statistics.time_steps_back == 0);
+  CHECK(decode_evt3({high(9), low(500), y(0), x(0, 0), low(100), low(700), x(1, 0)}).statistics.time_steps_back == 0);
 }
 
 TEST_CASE("EVT3: a step back is counted once however the stream is cut into pieces") {
@@ -102,7 +102,7 @@ TEST_CASE("EVT3: a step back is counted once however the stream is cut into piec
 
 TEST_CASE("EVT3: everything before the first TIME_HIGH is dropped and counted") {
   const auto [events, triggers, statistics] =
-      decode({low(5), y(1), x(0, 0), base(0, 0), v12(0xFFF), v8(0xFFF), 0xA001, high(1), y(2), x(7, 1)});
+      decode_evt3({low(5), y(1), x(0, 0), base(0, 0), v12(0xFFF), v8(0xFFF), 0xA001, high(1), y(2), x(7, 1)});
   CHECK(events == std::vector<Event>{{7, 2, 1, 4096}});
   CHECK(triggers.empty());
   CHECK(statistics.dropped_before_time == 1 + 12 + 8 + 1);
@@ -110,11 +110,11 @@ TEST_CASE("EVT3: everything before the first TIME_HIGH is dropped and counted") 
 
 TEST_CASE("EVT3: events off the sensor are counted, not delivered") {
   const SensorSize size{20, 10};
-  CHECK(decode({high(0), x(3, 0), y(1), v12(1)}, size).statistics.off_sensor == 2);  // no row yet; no base yet
+  CHECK(decode_evt3({high(0), x(3, 0), y(1), v12(1)}, size).statistics.off_sensor == 2);  // no row yet; no base yet
   const auto [events, triggers, statistics] =
-      decode({high(0), y(9), x(19, 0), x(20, 0), x(2047, 0), base(15, 1), v12(0xFFF), v12(0x3), v8(0xFF), y(10),
-              x(0, 0), base(0, 0), v12(0x7)},
-             size);
+      decode_evt3({high(0), y(9), x(19, 0), x(20, 0), x(2047, 0), base(15, 1), v12(0xFFF), v12(0x3), v8(0xFF), y(10),
+                   x(0, 0), base(0, 0), v12(0x7)},
+                  size);
   CHECK(events ==
         std::vector<Event>{{19, 9, 0, 0}, {15, 9, 1, 0}, {16, 9, 1, 0}, {17, 9, 1, 0}, {18, 9, 1, 0}, {19, 9, 1, 0}});
   CHECK(statistics.off_sensor == 2 + 7 + 2 + 8 + 1 + 3);
@@ -122,7 +122,7 @@ TEST_CASE("EVT3: events off the sensor are counted, not delivered") {
 
 TEST_CASE("EVT3: triggers, ignored words and unknown words") {
   const auto [events, triggers, statistics] =
-      decode({high(1), low(1), 0xA601, 0xA100, 0x7ABC, 0xE123, 0xF456, 0x1000, 0x9000, 0xB000, 0xC000, 0xD000});
+      decode_evt3({high(1), low(1), 0xA601, 0xA100, 0x7ABC, 0xE123, 0xF456, 0x1000, 0x9000, 0xB000, 0xC000, 0xD000});
   CHECK(events.empty());
   CHECK(triggers == std::vector<TriggerEvent>{{6, true, 4097}, {1, false, 4097}});
   CHECK(statistics.triggers == 2);

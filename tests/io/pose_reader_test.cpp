@@ -14,7 +14,7 @@ using namespace evmarker::io::test;
 namespace {
 
 template <typename Read>
-std::string error_in(Read&& read, const std::string& text) {
+std::string pose_error_in(Read&& read, const std::string& text) {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "p", text);
   return error_of([&] { read(path); });
@@ -39,12 +39,12 @@ TEST_CASE("read_tum: comments, blanks and exact times") {
 }
 
 TEST_CASE("read_tum: malformed lines are reported with their number") {
-  CHECK(contains(error_in(read_tum, "1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n"), "p: line 2: has 7 numbers"));
-  CHECK(contains(error_in(read_tum, "# c\nx 0 0 0 0 0 0 1\n"), "line 2: t is 'x'"));
-  CHECK(contains(error_in(read_tum, "1 0 zero 0 0 0 0 1\n"), "line 1: ty is 'zero'"));
-  CHECK(contains(error_in(read_tum, "1 0 0 nan 0 0 0 1\n"), "tz is 'nan'"));
-  CHECK(contains(error_in(read_tum, "1 0 0 0 0 0 0 0\n"), "quaternion has length 0"));
-  CHECK(contains(error_in(read_tum, "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n"), "line 2: t is '1', not after"));
+  CHECK(contains(pose_error_in(read_tum, "1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n"), "p: line 2: has 7 numbers"));
+  CHECK(contains(pose_error_in(read_tum, "# c\nx 0 0 0 0 0 0 1\n"), "line 2: t is 'x'"));
+  CHECK(contains(pose_error_in(read_tum, "1 0 zero 0 0 0 0 1\n"), "line 1: ty is 'zero'"));
+  CHECK(contains(pose_error_in(read_tum, "1 0 0 nan 0 0 0 1\n"), "tz is 'nan'"));
+  CHECK(contains(pose_error_in(read_tum, "1 0 0 0 0 0 0 0\n"), "quaternion has length 0"));
+  CHECK(contains(pose_error_in(read_tum, "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n"), "line 2: t is '1', not after"));
   CHECK(contains(error_of([] { read_tum("/no/such.tum"); }), "/no/such.tum: cannot open"));
 }
 
@@ -78,20 +78,21 @@ TEST_CASE("read_pose_csv: a table is read with and without health and loss reaso
   CHECK(with[0].quality.backtrack_rad == 0.25);
   CHECK(with[0].quality.health == 0.125);
   CHECK(with[0].quality.loss_reason == LossReason::left_image);
-  CHECK(contains(error_in(read_pose_csv, columns + row + ",0.125,tired\n"), "line 2: loss_reason is 'tired'"));
-  CHECK(contains(error_in(read_pose_csv, columns + row + ",well,hidden\n"), "line 2: health is 'well'"));
+  CHECK(contains(pose_error_in(read_pose_csv, columns + row + ",0.125,tired\n"), "line 2: loss_reason is 'tired'"));
+  CHECK(contains(pose_error_in(read_pose_csv, columns + row + ",well,hidden\n"), "line 2: health is 'well'"));
 }
 
 TEST_CASE("read_pose_csv: malformed lines are reported with their number") {
-  CHECK(contains(error_in(read_pose_csv, ""), "empty"));
-  CHECK(contains(error_in(read_pose_csv, "t_us,tx\n"), "line 1: no column 'marker_id'"));
-  CHECK(contains(error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan\n"),
+  CHECK(contains(pose_error_in(read_pose_csv, ""), "empty"));
+  CHECK(contains(pose_error_in(read_pose_csv, "t_us,tx\n"), "line 1: no column 'marker_id'"));
+  CHECK(contains(pose_error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan\n"),
                  "line 2: has 13 columns, not 14"));
-  CHECK(contains(error_in(read_pose_csv, kColumns + "1,2,flying,0,0,0,0,0,0,1,5,0.5,nan,nan\n"),
+  CHECK(contains(pose_error_in(read_pose_csv, kColumns + "1,2,flying,0,0,0,0,0,0,1,5,0.5,nan,nan\n"),
                  "line 2: state is 'flying'"));
-  CHECK(contains(error_in(read_pose_csv, kColumns + "1.5,2,tracking,0,0,0,0,0,0,1,5,0.5,nan,nan\n"), "t_us is '1.5'"));
-  CHECK(
-      contains(error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan,?\n"), "backtrack_rad is '?'"));
+  CHECK(contains(pose_error_in(read_pose_csv, kColumns + "1.5,2,tracking,0,0,0,0,0,0,1,5,0.5,nan,nan\n"),
+                 "t_us is '1.5'"));
+  CHECK(contains(pose_error_in(read_pose_csv, kColumns + "1,2,tracking,0,0,0,0,0,0,1,5,0.5,nan,?\n"),
+                 "backtrack_rad is '?'"));
 }
 
 TEST_CASE("Trajectory: linear and along the shortest arc, nothing outside the samples") {
@@ -138,10 +139,10 @@ TEST_CASE("GroundTruth: TUM applies to any marker, a table to each of its marker
   CHECK_FALSE(table.at(3, 11));
   CHECK_FALSE(table.at(5, 5));
 
-  CHECK(contains(error_in(GroundTruth::read, ""), "no poses"));
-  CHECK(contains(error_in(GroundTruth::read, "# nothing\n"), "no poses"));
-  CHECK(contains(error_in(GroundTruth::read, kColumns), "no poses"));
-  CHECK(contains(error_in(GroundTruth::read, kColumns + "5,3,tracking,0,0,1,0,0,0,1,0,0,nan,nan\n"
-                                                        "4,3,tracking,0,0,1,0,0,0,1,0,0,nan,nan\n"),
+  CHECK(contains(pose_error_in(GroundTruth::read, ""), "no poses"));
+  CHECK(contains(pose_error_in(GroundTruth::read, "# nothing\n"), "no poses"));
+  CHECK(contains(pose_error_in(GroundTruth::read, kColumns), "no poses"));
+  CHECK(contains(pose_error_in(GroundTruth::read, kColumns + "5,3,tracking,0,0,1,0,0,0,1,0,0,nan,nan\n"
+                                                             "4,3,tracking,0,0,1,0,0,0,1,0,0,nan,nan\n"),
                  "marker 3: trajectory: pose 1 at 4 us"));
 }

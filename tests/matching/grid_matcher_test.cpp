@@ -36,14 +36,14 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-CodeBits random_bits(Random& random, int size) {
+CodeBits random_bits(SeededNumbers& random, int size) {
   CodeBits bits(size, size);
   for (int i = 0; i < bits.size(); ++i) bits(i / size, i % size) = static_cast<std::uint8_t>(random.integer(0, 1));
   return bits;
 }
 
 // One in eight is seen from behind.
-Isometry3d pose_from_any_side(Random& random, double distance, double max_tilt) {
+Isometry3d pose_from_any_side(SeededNumbers& random, double distance, double max_tilt) {
   const bool from_behind = random.integer(0, 7) == 0;
   return random_pose(random, distance, max_tilt, from_behind);
 }
@@ -72,7 +72,7 @@ int near_in_groups = 0;  // answers of that kind
 
 // Whether the event, at a random place among others, gets the same answer, in lanes and with what it means in space.
 bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult result, const Correspondence& expected) {
-  static Random random(3);
+  static SeededNumbers random(3);
   const auto count = static_cast<std::size_t>(random.integer(1, EventGroup::kMost)),
              place = static_cast<std::size_t>(random.integer(0, static_cast<int>(count) - 1));
   EventGroup group;
@@ -138,7 +138,7 @@ struct Trial {
 
 // Events at random pixels, most of them close to a random place of a random edge.
 Tally run(const PinholeCamera& camera, const Trial& trial, unsigned seed) {
-  Random random(seed);
+  SeededNumbers random(seed);
   const UndistortionTable lines(camera);
   const double focal_length = lines.focal_length();
   const auto size = lines.sensor_size();
@@ -210,7 +210,7 @@ TEST_CASE("every event is matched as by the search over all segments: other marg
 }
 
 TEST_CASE("a matcher that goes from pose to pose matches like one that is new at each") {
-  Random random(5);
+  SeededNumbers random(5);
   const MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
   GridMatcher grid(model, 533);
   SegmentMatcher segments(model, 533);
@@ -269,7 +269,7 @@ TEST_CASE("no event matches without a pose, a line of sight or a marker in front
 }
 
 TEST_CASE("a matcher that has hardly moved keeps its choices, and says where these edges are now") {
-  Random random(12);
+  SeededNumbers random(12);
   const MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
   const double focal_length = 533, pixel = 0.6 / focal_length;
   Isometry3d T = random_pose(random, 0.6, 0.2, false);
@@ -306,7 +306,7 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
 }
 
 TEST_CASE("a wireframe without a grid is matched by the search over all segments") {
-  Random random(8);
+  SeededNumbers random(8);
   MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
   model.cells = 0;
   GridMatcher matcher(model, 533);

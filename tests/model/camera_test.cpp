@@ -86,7 +86,8 @@ std::vector<Distortion> lenses() {
           EquidistantDistortion{0.05, -0.02, 0.01, 0.002}};
 }
 
-std::string message_of(SensorSize size, double fx, double fy, double cx, double cy, const Distortion& distortion = {}) {
+std::string refusal_of_camera(SensorSize size, double fx, double fy, double cx, double cy,
+                              const Distortion& distortion = {}) {
   try {
     const PinholeCamera camera(size, fx, fy, cx, cy, distortion);
   } catch (const std::invalid_argument& error) {
@@ -255,23 +256,25 @@ TEST_CASE("pincushion lenses have no fold") {
 
 TEST_CASE("each impossible parameter is named with its value") {
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
-  CHECK(message_of(kSize, 500, 500, 320, 240) == "accepted");
-  CHECK(message_of(kSize, 500, 500, -10, 9999) == "accepted");  // a cropped image may lie beside its principal point
-  CHECK(message_of({0, 480}, 500, 500, 320, 240) == "camera: image width is 0");
-  CHECK(message_of({640, -1}, 500, 500, 320, 240) == "camera: image height is -1");
-  CHECK(message_of(kSize, 0, 500, 320, 240) == "camera: fx is 0.000000");
-  CHECK(message_of(kSize, 500, -2.5, 320, 240) == "camera: fy is -2.500000");
-  CHECK(message_of(kSize, nan, 500, 320, 240) == "camera: fx is nan");
-  CHECK(message_of(kSize, 500, infinity, 320, 240) == "camera: fy is inf");
-  CHECK(message_of(kSize, 500, 500, nan, 240) == "camera: cx is nan");
-  CHECK(message_of(kSize, 500, 500, 320, -infinity) == "camera: cy is -inf");
-  CHECK(message_of(kSize, 500, 500, 320, 240, BrownConradyDistortion{nan}) == "camera: k1 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, infinity}) == "camera: k2 is inf");
-  CHECK(message_of(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, nan}) == "camera: p1 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, 0, -infinity}) == "camera: p2 is -inf");
-  CHECK(message_of(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, 0, 0, nan}) == "camera: k3 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, EquidistantDistortion{nan}) == "camera: k1 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, EquidistantDistortion{0, nan}) == "camera: k2 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, EquidistantDistortion{0, 0, nan}) == "camera: k3 is nan");
-  CHECK(message_of(kSize, 500, 500, 320, 240, EquidistantDistortion{0, 0, 0, nan}) == "camera: k4 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240) == "accepted");
+  CHECK(refusal_of_camera(kSize, 500, 500, -10, 9999) ==
+        "accepted");  // a cropped image may lie beside its principal point
+  CHECK(refusal_of_camera({0, 480}, 500, 500, 320, 240) == "camera: image width is 0");
+  CHECK(refusal_of_camera({640, -1}, 500, 500, 320, 240) == "camera: image height is -1");
+  CHECK(refusal_of_camera(kSize, 0, 500, 320, 240) == "camera: fx is 0.000000");
+  CHECK(refusal_of_camera(kSize, 500, -2.5, 320, 240) == "camera: fy is -2.500000");
+  CHECK(refusal_of_camera(kSize, nan, 500, 320, 240) == "camera: fx is nan");
+  CHECK(refusal_of_camera(kSize, 500, infinity, 320, 240) == "camera: fy is inf");
+  CHECK(refusal_of_camera(kSize, 500, 500, nan, 240) == "camera: cx is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, -infinity) == "camera: cy is -inf");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, BrownConradyDistortion{nan}) == "camera: k1 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, infinity}) == "camera: k2 is inf");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, nan}) == "camera: p1 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, 0, -infinity}) ==
+        "camera: p2 is -inf");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, BrownConradyDistortion{0, 0, 0, 0, nan}) == "camera: k3 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, EquidistantDistortion{nan}) == "camera: k1 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, EquidistantDistortion{0, nan}) == "camera: k2 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, EquidistantDistortion{0, 0, nan}) == "camera: k3 is nan");
+  CHECK(refusal_of_camera(kSize, 500, 500, 320, 240, EquidistantDistortion{0, 0, 0, nan}) == "camera: k4 is nan");
 }

@@ -25,7 +25,7 @@ struct OddCamera {
   }
 };
 
-std::string message_of(const OddCamera& camera) {
+std::string refusal_of_table(const OddCamera& camera) {
   try {
     const UndistortionTable table(camera);
   } catch (const std::invalid_argument& error) {
@@ -91,9 +91,9 @@ TEST_CASE("copies share the table") {
 }
 
 TEST_CASE("a camera that cannot be tabulated is refused with the value") {
-  CHECK(message_of({}) == "accepted");
-  CHECK(message_of({.size = {0, 30}}) == "camera: sensor size is 0 x 30");
-  CHECK(message_of({.size = {40, -1}}) == "camera: sensor size is 40 x -1");
-  CHECK(message_of({.focal = 0}) == "camera: focal length is 0.000000");
-  CHECK(message_of({.focal = std::numeric_limits<float>::quiet_NaN()}) == "camera: focal length is nan");
+  CHECK(refusal_of_table({}) == "accepted");
+  CHECK(refusal_of_table({.size = {0, 30}}) == "camera: sensor size is 0 x 30");
+  CHECK(refusal_of_table({.size = {40, -1}}) == "camera: sensor size is 40 x -1");
+  CHECK(refusal_of_table({.focal = 0}) == "camera: focal length is 0.000000");
+  CHECK(refusal_of_table({.focal = std::numeric_limits<float>::quiet_NaN()}) == "camera: focal length is nan");
 }

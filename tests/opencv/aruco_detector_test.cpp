@@ -16,8 +16,10 @@
 
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/simulation/simulator.hpp"
+#include "opencv/pose_distance.hpp"
 
 using namespace evmarker;
+using namespace evmarker::opencv::test;
 using opencv::ArucoDetector;
 
 static_assert(MarkerDetector<ArucoDetector<PinholeCamera>>);
@@ -106,14 +108,6 @@ void print(PolarityFrame& frame, const Lens& lens, const CodeBits& bits, double 
       frame.update({static_cast<std::uint16_t>(pixels[i].x), static_cast<std::uint16_t>(pixels[i].y),
                     static_cast<std::int16_t>(white(column, row)), 1234});
   }
-}
-
-double angle_deg(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
-  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle() * 180 / std::numbers::pi;
-}
-
-double distance_mm(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
-  return 1000 * (a.translation() - b.translation()).norm();
 }
 
 template <typename F>

@@ -22,7 +22,7 @@ markers:
     translation: [0, 0, 1]
 )";
 
-std::string refused(const std::string& content, const std::string& dictionary = "DICT_4X4_50") {
+std::string board_refused(const std::string& content, const std::string& dictionary = "DICT_4X4_50") {
   const std::string path = write("board.yml", content);
   std::string message = "accepted";
   try {
@@ -57,37 +57,38 @@ TEST_CASE("a board is read as it is written, with and without the YAML directive
 }
 
 TEST_CASE("a board that is none is refused in one line with file, field and value") {
-  REQUIRE(refused(kBoard) == "accepted");
-  CHECK(refused(replaced(kBoard, "board:", "plate:")) == "board FILE: no field board");
-  CHECK(refused(replaced(kBoard, "board: 100", "board: big")) == "board FILE: board is \"big\", not a number");
-  CHECK(refused(replaced(kBoard, "board: 100", "board: -1")) ==
+  REQUIRE(board_refused(kBoard) == "accepted");
+  CHECK(board_refused(replaced(kBoard, "board:", "plate:")) == "board FILE: no field board");
+  CHECK(board_refused(replaced(kBoard, "board: 100", "board: big")) == "board FILE: board is \"big\", not a number");
+  CHECK(board_refused(replaced(kBoard, "board: 100", "board: -1")) ==
         "board FILE: board is -1, not a whole number from 0 on");
-  CHECK(refused(replaced(kBoard, "markers:", "tags:")) == "board FILE: no field markers");
-  CHECK(refused("board: 1\nmarkers: 5\n") == "board FILE: markers is not a list");
-  CHECK(refused("board: 1\nmarkers: [5]\n") ==
+  CHECK(board_refused(replaced(kBoard, "markers:", "tags:")) == "board FILE: no field markers");
+  CHECK(board_refused("board: 1\nmarkers: 5\n") == "board FILE: markers is not a list");
+  CHECK(board_refused("board: 1\nmarkers: [5]\n") ==
         "board FILE: markers[0] is not a map of id, length, rotation and translation");
-  CHECK(refused(replaced(kBoard, "id: 3, ", "")) == "board FILE: markers[0] has no field id");
-  CHECK(refused(replaced(kBoard, "id: 7", "id: 7.5")) ==
+  CHECK(board_refused(replaced(kBoard, "id: 3, ", "")) == "board FILE: markers[0] has no field id");
+  CHECK(board_refused(replaced(kBoard, "id: 7", "id: 7.5")) ==
         "board FILE: markers[1] id is 7.5, not a whole number from 0 on");
-  CHECK(refused(replaced(kBoard, "id: 7", "id: 50"))
+  CHECK(board_refused(replaced(kBoard, "id: 7", "id: 50"))
             .starts_with("board FILE: markers[1]: marker id 50 is not in DICT_4X4_50, which has 50 markers"));
-  CHECK(refused(replaced(kBoard, "id: 7", "id: 3")) == "board FILE: board 100: marker 3 is there twice");
-  CHECK(refused(replaced(kBoard, "length: 0.04", "length: 0")) == "board FILE: markers[0] length is 0, not positive");
-  CHECK(refused(replaced(kBoard, "length: 0.04", "length: wide")) ==
+  CHECK(board_refused(replaced(kBoard, "id: 7", "id: 3")) == "board FILE: board 100: marker 3 is there twice");
+  CHECK(board_refused(replaced(kBoard, "length: 0.04", "length: 0")) ==
+        "board FILE: markers[0] length is 0, not positive");
+  CHECK(board_refused(replaced(kBoard, "length: 0.04", "length: wide")) ==
         "board FILE: markers[0] length is \"wide\", not a number");
-  CHECK(refused(replaced(kBoard, "rotation: [0, 0, 0]", "rotation: [0, 0]")) ==
+  CHECK(board_refused(replaced(kBoard, "rotation: [0, 0, 0]", "rotation: [0, 0]")) ==
         "board FILE: markers[1] rotation is not a list of 3 numbers");
-  CHECK(refused(replaced(kBoard, "rotation: [0, 0, 0]", "rotation: 0")) ==
+  CHECK(board_refused(replaced(kBoard, "rotation: [0, 0, 0]", "rotation: 0")) ==
         "board FILE: markers[1] rotation is not a list of 3 numbers");
-  const std::string no_number = refused(replaced(kBoard, "[0.1, -0.02, 0.003]", "[0.1, .Nan, 0.003]"));
+  const std::string no_number = board_refused(replaced(kBoard, "[0.1, -0.02, 0.003]", "[0.1, .Nan, 0.003]"));
   CHECK(no_number.starts_with("board FILE: markers[0] translation[1] is "));
   CHECK(no_number.ends_with("nan, not a finite number"));  // or -nan
-  CHECK(refused(replaced(kBoard, "translation: [0, 0, 1]", "place: [0, 0, 1]")) ==
+  CHECK(board_refused(replaced(kBoard, "translation: [0, 0, 1]", "place: [0, 0, 1]")) ==
         "board FILE: markers[1] has no field translation");
-  CHECK(refused("") == "board FILE: is empty");
-  CHECK(refused("- 1\n- 2\n").starts_with("board FILE: is neither"));
-  CHECK(refused(std::string("\x01\x02{[\x00garbage", 12)).starts_with("board FILE: is neither"));
-  CHECK(refused(kBoard, "DICT_9X9").starts_with("dictionary: no \"DICT_9X9\""));
+  CHECK(board_refused("") == "board FILE: is empty");
+  CHECK(board_refused("- 1\n- 2\n").starts_with("board FILE: is neither"));
+  CHECK(board_refused(std::string("\x01\x02{[\x00garbage", 12)).starts_with("board FILE: is neither"));
+  CHECK(board_refused(kBoard, "DICT_9X9").starts_with("dictionary: no \"DICT_9X9\""));
   CHECK_THROWS_WITH(opencv::load_board("/nowhere/board.yml", "DICT_4X4_50"),
                     "board /nowhere/board.yml: cannot be read: No such file or directory");
 }

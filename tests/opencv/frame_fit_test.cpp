@@ -16,16 +16,18 @@
 
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "opencv/pose_distance.hpp"
 
 using namespace evmarker;
+using namespace evmarker::opencv::test;
 using opencv::fit_to_frame;
 using opencv::read_code;
 
 namespace {
 
 constexpr double kF = 533, kCx = 159.5, kCy = 119.5, kLength = 0.10;
-constexpr int kWidth = 320, kHeight = 240;
-const PinholeCamera kCamera{{kWidth, kHeight}, kF, kF, kCx, kCy};
+constexpr int kImageWidth = 320, kImageHeight = 240;
+const PinholeCamera kSmallCamera{{kImageWidth, kImageHeight}, kF, kF, kCx, kCy};
 
 // Codes with their border, as they would be printed; '#' black.
 using Print = std::array<std::string_view, 6>;
@@ -47,7 +49,7 @@ Eigen::Matrix3d turn(double angle_deg, const Eigen::Vector3d& axis) {
 }
 
 // A marker that faces the camera, then turned.
-Eigen::Isometry3d pose(double x, double y, double z, double angle_deg, const Eigen::Vector3d& axis) {
+Eigen::Isometry3d turned_pose(double x, double y, double z, double angle_deg, const Eigen::Vector3d& axis) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.translation() << x, y, z;
   T.linear() = turn(angle_deg, axis) * Eigen::Vector3d(1, -1, -1).asDiagonal();
@@ -79,7 +81,7 @@ cv::Mat photograph(const Print& print, const Eigen::Isometry3d& T, double erode_
   const cv::Matx33d camera_marker(R(0, 0), R(0, 1), t(0), R(1, 0), R(1, 1), t(1), R(2, 0), R(2, 1), t(2));
   const cv::Matx33d K(kFine * kF, 0, kFine * kCx + 2, 0, kFine * kF, kFine * kCy + 2, 0, 0, 1);
   const cv::Matx33d H = K * camera_marker * marker_texture;
-  const cv::Size fine(kFine * kWidth, kFine * kHeight);
+  const cv::Size fine(kFine * kImageWidth, kFine * kImageHeight);
   cv::Mat image, card;
   cv::warpPerspective(texture, image, H, fine, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(255));
   cv::warpPerspective(cv::Mat(kSide, kSide, CV_8U, cv::Scalar(255)), card, H, fine);
@@ -92,24 +94,16 @@ cv::Mat photograph(const Print& print, const Eigen::Isometry3d& T, double erode_
   if (erode_px > 0) black = distance > kFine * erode_px + 0.5;
   if (erode_px < 0) black |= distance < -kFine * erode_px + 0.5;
 
-  cv::Mat frame(kHeight, kWidth, CV_8U, cv::Scalar(128));
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  cv::Mat frame(kImageHeight, kImageWidth, CV_8U, cv::Scalar(128));
+  for (int y = 0; y < kImageHeight; ++y)
+    for (int x = 0; x < kImageWidth; ++x) {
       const cv::Point at(kFine * x + 2, kFine * y + 2);
       if (card.at<uchar>(at) > 128) frame.at<uchar>(y, x) = black.at<uchar>(at) != 0 ? 0 : 255;
     }
   return frame;
 }
 
-double distance_mm(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
-  return 1000 * (a.translation() - b.translation()).norm();
-}
-
-double angle_deg(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
-  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle() * 180 / std::numbers::pi;
-}
-
-const Eigen::Isometry3d kPose = pose(0.03, -0.02, 0.5, 25, {1, 0.7, 0.3});
+const Eigen::Isometry3d kPose = turned_pose(0.03, -0.02, 0.5, 25, {1, 0.7, 0.3});
 
 // Starts around a pose, each off by this much along and about a direction of its own.
 std::vector<Eigen::Isometry3d> starts(const Eigen::Isometry3d& T, double by_mm, double by_deg) {
@@ -126,10 +120,10 @@ std::vector<Eigen::Isometry3d> starts(const Eigen::Isometry3d& T, double by_mm, 
 // Unsorted patches of black, white and nothing.
 cv::Mat texture(int patch_px, unsigned seed) {
   std::mt19937 random(seed);
-  cv::Mat frame(kHeight, kWidth, CV_8U);
-  for (int y = 0; y < kHeight; y += patch_px)
-    for (int x = 0; x < kWidth; x += patch_px) {
-      const cv::Rect patch = cv::Rect(x, y, patch_px, patch_px) & cv::Rect(0, 0, kWidth, kHeight);
+  cv::Mat frame(kImageHeight, kImageWidth, CV_8U);
+  for (int y = 0; y < kImageHeight; y += patch_px)
+    for (int x = 0; x < kImageWidth; x += patch_px) {
+      const cv::Rect patch = cv::Rect(x, y, patch_px, patch_px) & cv::Rect(0, 0, kImageWidth, kImageHeight);
       frame(patch) = std::array{0, 128, 255}[random() % 3];
     }
   return frame;
@@ -140,12 +134,12 @@ cv::Mat texture(int patch_px, unsigned seed) {
 TEST_CASE("a start 10 mm and 3 deg off comes back, if the steps are within reach") {
   const double reach_px = 12;  // 10 mm are 11 px here
   for (const Eigen::Isometry3d& truth :
-       {kPose, pose(0, 0, 0.5, 35, {0, 1, 0}), pose(-0.02, 0.01, 0.45, 30, {-1, 0.5, 1})}) {
+       {kPose, turned_pose(0, 0, 0.5, 35, {0, 1, 0}), turned_pose(-0.02, 0.01, 0.45, 30, {-1, 0.5, 1})}) {
     const cv::Mat frame = photograph(kCode, truth);
     for (const Eigen::Isometry3d& start : starts(truth, 10, 3)) {
       REQUIRE(distance_mm(start, truth) == doctest::Approx(10));
       REQUIRE(angle_deg(start, truth) == doctest::Approx(3));
-      const auto fit = fit_to_frame(kCamera, frame, kModel, start, reach_px, 10);
+      const auto fit = fit_to_frame(kSmallCamera, frame, kModel, start, reach_px, 10);
       REQUIRE(fit);
       CHECK(distance_mm(fit->T_camera_marker, truth) < 1);
       CHECK(angle_deg(fit->T_camera_marker, truth) < 1.5);
@@ -159,8 +153,8 @@ TEST_CASE("a start 10 mm and 3 deg off comes back, if the steps are within reach
 TEST_CASE("a start as a detector gives it needs few iterations and little reach") {
   const cv::Mat frame = photograph(kCode, kPose);
   for (const Eigen::Isometry3d& start : starts(kPose, 2, 1.5)) {
-    const auto before = fit_to_frame(kCamera, frame, kModel, start, 4, 0);
-    const auto fit = fit_to_frame(kCamera, frame, kModel, start, 4);
+    const auto before = fit_to_frame(kSmallCamera, frame, kModel, start, 4, 0);
+    const auto fit = fit_to_frame(kSmallCamera, frame, kModel, start, 4);
     REQUIRE(before);
     REQUIRE(fit);
     CHECK(before->T_camera_marker.isApprox(start));
@@ -174,7 +168,7 @@ TEST_CASE("dark areas that look too small or too large give the offset and leave
   for (const double erode_px : {-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0}) {
     CAPTURE(erode_px);
     const cv::Mat frame = photograph(kCode, kPose, erode_px);
-    const auto fit = fit_to_frame(kCamera, frame, kModel, moved(kPose, {1, -1, 1}, 1, {1, 2, 3}), 4);
+    const auto fit = fit_to_frame(kSmallCamera, frame, kModel, moved(kPose, {1, -1, 1}, 1, {1, 2, 3}), 4);
     REQUIRE(fit);
     CHECK(std::abs(fit->offset_px - erode_px) < 0.15);
     CHECK(distance_mm(fit->T_camera_marker, kPose) < 0.6);
@@ -183,9 +177,9 @@ TEST_CASE("dark areas that look too small or too large give the offset and leave
 }
 
 TEST_CASE("an outline alone does not tell offset from distance: the offset stays near zero") {
-  const Eigen::Isometry3d truth = pose(0, 0, 0.5, 10, {0, 0, 1});
+  const Eigen::Isometry3d truth = turned_pose(0, 0, 0.5, 10, {0, 0, 1});
   const double side_px = kF * kLength / 0.5;
-  const auto fit = fit_to_frame(kCamera, photograph(kCode, truth, 1), make_square_marker(kLength), truth, 4);
+  const auto fit = fit_to_frame(kSmallCamera, photograph(kCode, truth, 1), make_square_marker(kLength), truth, 4);
   REQUIRE(fit);
   CHECK(fit->support > 0.9);
   CHECK(std::abs(fit->offset_px) < 0.1);
@@ -193,26 +187,28 @@ TEST_CASE("an outline alone does not tell offset from distance: the offset stays
 }
 
 TEST_CASE("a frame without the marker's steps has no support and does not move the pose") {
-  const auto blank = fit_to_frame(kCamera, cv::Mat(kHeight, kWidth, CV_8U, cv::Scalar(128)), kModel, kPose, 4);
+  const auto blank =
+      fit_to_frame(kSmallCamera, cv::Mat(kImageHeight, kImageWidth, CV_8U, cv::Scalar(128)), kModel, kPose, 4);
   REQUIRE(blank);
   CHECK(blank->support == 0);
   CHECK(blank->cost_px == 2);
   CHECK(blank->T_camera_marker.isApprox(kPose, 0));
   for (const int uniform : {0, 255}) {
-    const auto fit = fit_to_frame(kCamera, cv::Mat(kHeight, kWidth, CV_8U, cv::Scalar(uniform)), kModel, kPose, 4);
+    const auto fit =
+        fit_to_frame(kSmallCamera, cv::Mat(kImageHeight, kImageWidth, CV_8U, cv::Scalar(uniform)), kModel, kPose, 4);
     REQUIRE(fit);
     CHECK(fit->support == 0);
   }
 
   // Steps at the same places, but from dark to bright.
   const cv::Mat frame = photograph(kCode, kPose);
-  REQUIRE(fit_to_frame(kCamera, frame, kModel, kPose, 4, 0)->support > 0.95);
-  const auto inverted = fit_to_frame(kCamera, 255 - frame, kModel, kPose, 4, 0);
+  REQUIRE(fit_to_frame(kSmallCamera, frame, kModel, kPose, 4, 0)->support > 0.95);
+  const auto inverted = fit_to_frame(kSmallCamera, 255 - frame, kModel, kPose, 4, 0);
   REQUIRE(inverted);
   CHECK(inverted->support < 0.1);
 
   // Where the camera looks past the frame.
-  const auto outside = fit_to_frame(kCamera, frame, kModel, pose(0.5, 0, 0.5, 0, {0, 0, 1}), 4);
+  const auto outside = fit_to_frame(kSmallCamera, frame, kModel, turned_pose(0.5, 0, 0.5, 0, {0, 0, 1}), 4);
   REQUIRE(outside);
   CHECK(outside->support == 0);
 }
@@ -220,12 +216,12 @@ TEST_CASE("a frame without the marker's steps has no support and does not move t
 TEST_CASE("no fit of what is not in front of the camera, not finite or empty") {
   const cv::Mat frame = photograph(kCode, kPose);
   const auto fits = [&](const Eigen::Isometry3d& T, const MarkerModel& model) {
-    return fit_to_frame(kCamera, frame, model, T, 4).has_value();
+    return fit_to_frame(kSmallCamera, frame, model, T, 4).has_value();
   };
   REQUIRE(fits(kPose, kModel));
-  CHECK_FALSE(fits(pose(0.03, -0.02, -0.5, 25, {1, 0.7, 0.3}), kModel));
-  CHECK_FALSE(fits(pose(0, 0, 0.01, 60, {1, 0, 0}), kModel));  // one half of it behind the camera
-  CHECK_FALSE(fits(pose(0, 0, 0, 0, {1, 0, 0}), kModel));
+  CHECK_FALSE(fits(turned_pose(0.03, -0.02, -0.5, 25, {1, 0.7, 0.3}), kModel));
+  CHECK_FALSE(fits(turned_pose(0, 0, 0.01, 60, {1, 0, 0}), kModel));  // one half of it behind the camera
+  CHECK_FALSE(fits(turned_pose(0, 0, 0, 0, {1, 0, 0}), kModel));
   CHECK_FALSE(fits(kPose, MarkerModel{}));
   for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
     for (int row = 0; row < 3; ++row)
@@ -242,7 +238,7 @@ TEST_CASE("no fit of what is not in front of the camera, not finite or empty") {
 TEST_CASE("code agreement is the share of the cells that look right") {
   const cv::Mat frame = photograph(kCode, kPose);
   const auto agreement = [](const cv::Mat& seen, const Print& print, const Eigen::Isometry3d& T) {
-    return read_code(kCamera, seen, bits(print), kLength, T).agreement;
+    return read_code(kSmallCamera, seen, bits(print), kLength, T).agreement;
   };
   CHECK(agreement(frame, kCode, kPose) == 1);
   CHECK(agreement(photograph(kCode, kPose, 1), kCode, kPose) == 1);
@@ -264,20 +260,20 @@ TEST_CASE("code agreement is the share of the cells that look right") {
 }
 
 TEST_CASE("code agreement counts what was not seen against the marker") {
-  const Eigen::Isometry3d frontal = pose(0, 0, 0.5, 0, {0, 0, 1});
+  const Eigen::Isometry3d frontal = turned_pose(0, 0, 0.5, 0, {0, 0, 1});
   cv::Mat frame = photograph(kCode, frontal);
   const auto agreement = [&](const Eigen::Isometry3d& T) {
-    return read_code(kCamera, frame, bits(kCode), kLength, T).agreement;
+    return read_code(kSmallCamera, frame, bits(kCode), kLength, T).agreement;
   };
   REQUIRE(agreement(frontal) == 1);
-  CHECK(agreement(pose(0.5, 0, 0.5, 0, {0, 0, 1})) == 0);  // beside the image
+  CHECK(agreement(turned_pose(0.5, 0, 0.5, 0, {0, 0, 1})) == 0);  // beside the image
   // Behind the camera, where each point has the image that it had in front.
   Eigen::Isometry3d behind = frontal * Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitZ());
   behind.translation() = -frontal.translation();
   CHECK(agreement(behind) == 0);
-  CHECK(agreement(pose(std::nan(""), 0, 0.5, 0, {0, 0, 1})) == 0);
+  CHECK(agreement(turned_pose(std::nan(""), 0, 0.5, 0, {0, 0, 1})) == 0);
 
-  frame.colRange(0, kWidth / 2) = 128;  // the left half was not seen
+  frame.colRange(0, kImageWidth / 2) = 128;  // the left half was not seen
   CHECK(agreement(frontal) == doctest::Approx(0.5));
   frame = 128;
   CHECK(agreement(frontal) == 0);
@@ -288,10 +284,10 @@ TEST_CASE("a texture has neither a marker's cells nor its edges") {
   for (const int patch_px : {1, 4, 9, 18, 40})
     for (unsigned seed = 0; seed < 10; ++seed) {
       const cv::Mat frame = texture(patch_px, seed);
-      const auto fit = fit_to_frame(kCamera, frame, kModel, kPose, 4);
+      const auto fit = fit_to_frame(kSmallCamera, frame, kModel, kPose, 4);
       if (fit) best_support = std::max(best_support, fit->support);
       const Eigen::Isometry3d T = fit ? fit->T_camera_marker : kPose;
-      best_agreement = std::max(best_agreement, read_code(kCamera, frame, bits(kCode), kLength, T).agreement);
+      best_agreement = std::max(best_agreement, read_code(kSmallCamera, frame, bits(kCode), kLength, T).agreement);
     }
   CHECK(best_agreement > 0.2);  // it was compared
   CHECK(best_agreement < 0.7);

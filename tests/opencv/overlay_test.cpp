@@ -10,7 +10,8 @@ using namespace evmarker;
 
 namespace {
 
-const PinholeCamera kCamera{{320, 240}, 260, 260, 159.5, 119.5, BrownConradyDistortion{-0.3, 0.1, 0.001, -0.002, 0}};
+const PinholeCamera kBarrelCamera{{320, 240}, 260,   260,
+                                  159.5,      119.5, BrownConradyDistortion{-0.3, 0.1, 0.001, -0.002, 0}};
 
 Eigen::Isometry3d facing(double x, double y, double z) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -75,11 +76,11 @@ TEST_CASE("edges lie where the lens images them") {
   for (const int scale : {1, 3}) {
     cv::Mat picture = opencv::make_picture({320, 240}, scale);
     const Eigen::Isometry3d T = facing(0.02, 0.01, 0.25);
-    opencv::draw_wireframe(picture, kCamera, make_square_marker(0.2), T, opencv::color::kTracking, 1);
+    opencv::draw_wireframe(picture, kBarrelCamera, make_square_marker(0.2), T, opencv::color::kTracking, 1);
     int seen = 0;
     for (double along = -0.095; along < 0.1; along += 0.01)
       for (const Eigen::Vector3d& point : {Eigen::Vector3d(along, 0.1, 0), Eigen::Vector3d(0.1, along, 0)}) {
-        const Eigen::Vector2d p = kCamera.project(T * point);
+        const Eigen::Vector2d p = kBarrelCamera.project(T * point);
         if (p.x() < 2 || p.y() < 2 || p.x() > 317 || p.y() > 237) continue;
         ++seen;
         CHECK(has_color(picture,
@@ -104,8 +105,8 @@ TEST_CASE("the colour of a marker tells its state, its axes point right and up")
     pose.id = 7;
     pose.T_camera_marker = T;
     pose.quality.state = state;
-    opencv::draw_marker(picture, kCamera, make_square_marker(0.1), pose);
-    const Eigen::Vector2d left = kCamera.project(T * Eigen::Vector3d(-0.05, 0.02, 0));
+    opencv::draw_marker(picture, kBarrelCamera, make_square_marker(0.1), pose);
+    const Eigen::Vector2d left = kBarrelCamera.project(T * Eigen::Vector3d(-0.05, 0.02, 0));
     CHECK(has_color(picture, in_picture(left.x(), left.y()), 2, opencv::state_color(state), 60));
     CHECK(has_color(picture, in_picture(172, 119.5), 4, {60, 60, 255}, 30));  // x right of the centre, red
     CHECK(has_color(picture, in_picture(159.5, 107), 4, {80, 220, 80}, 30));  // y above it, green
@@ -122,14 +123,14 @@ TEST_CASE("what has no image leaves the picture alone") {
   nan.translation().x() = std::nan("");
   for (const Eigen::Isometry3d& T : {facing(0, 0, -0.5), facing(1e9, 0, 1), nan}) {
     cv::Mat picture = empty.clone();
-    opencv::draw_wireframe(picture, kCamera, make_square_marker(0.1), T, opencv::color::kLost);
-    opencv::draw_axes(picture, kCamera, T, 0.05);
+    opencv::draw_wireframe(picture, kBarrelCamera, make_square_marker(0.1), T, opencv::color::kLost);
+    opencv::draw_axes(picture, kBarrelCamera, T, 0.05);
     CHECK(changed(picture, empty) == 0);
   }
   cv::Mat picture = empty.clone();
   PoseEstimate behind;
   behind.T_camera_marker = facing(0, 0, -0.5);
-  opencv::draw_marker(picture, kCamera, make_square_marker(0.1), behind);
+  opencv::draw_marker(picture, kBarrelCamera, make_square_marker(0.1), behind);
   CHECK(changed(picture, empty) == 0);
 }
 
@@ -143,7 +144,7 @@ TEST_CASE("text is drawn line under line") {
 TEST_CASE("a picture that does not fit the camera is refused") {
   cv::Mat wrong_shape = opencv::make_picture({320, 200}), grey(240, 320, CV_8U, cv::Scalar(0)), none;
   for (cv::Mat* picture : {&wrong_shape, &grey, &none})
-    CHECK_THROWS_AS(opencv::draw_wireframe(*picture, kCamera, make_square_marker(0.1), facing(0, 0, 1), {}),
+    CHECK_THROWS_AS(opencv::draw_wireframe(*picture, kBarrelCamera, make_square_marker(0.1), facing(0, 0, 1), {}),
                     std::invalid_argument);
   CHECK_THROWS_AS(opencv::draw_events(grey, {320, 240}, std::vector<Event>{}), std::invalid_argument);
   CHECK_THROWS_AS(opencv::make_picture({320, 240}, 0), std::invalid_argument);

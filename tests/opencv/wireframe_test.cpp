@@ -30,7 +30,7 @@ start:
   translation: [0.01, -0.02, 0.6]
 )";
 
-std::string refused(const std::string& content) {
+std::string body_refused(const std::string& content) {
   const std::string path = write("body.yml", content);
   std::string message = "accepted";
   try {
@@ -42,7 +42,9 @@ std::string refused(const std::string& content) {
   return message;
 }
 
-std::string refused(const std::string& from, const std::string& to) { return refused(replaced(kBody, from, to)); }
+std::string body_refused(const std::string& from, const std::string& to) {
+  return body_refused(replaced(kBody, from, to));
+}
 
 }  // namespace
 
@@ -82,7 +84,7 @@ TEST_CASE("of a dark side that leans along its edge the part across it counts, a
 }
 
 TEST_CASE("what was written comes back to the last digit") {
-  Random random(11);
+  SeededNumbers random(11);
   for (int round = 0; round < 20; ++round) {
     std::ostringstream text;
     text.precision(17);
@@ -121,50 +123,51 @@ TEST_CASE("what was written comes back to the last digit") {
 }
 
 TEST_CASE("a body that is none is refused in one line with file, vertex or edge, field and value") {
-  REQUIRE(refused(kBody) == "accepted");
-  CHECK(refused("wireframe: 200", "body: 200") == "wireframe FILE: no field wireframe");
-  CHECK(refused("wireframe: 200", "wireframe: big") == "wireframe FILE: wireframe is \"big\", not a number");
-  CHECK(refused("wireframe: 200", "wireframe: 1.5") ==
+  REQUIRE(body_refused(kBody) == "accepted");
+  CHECK(body_refused("wireframe: 200", "body: 200") == "wireframe FILE: no field wireframe");
+  CHECK(body_refused("wireframe: 200", "wireframe: big") == "wireframe FILE: wireframe is \"big\", not a number");
+  CHECK(body_refused("wireframe: 200", "wireframe: 1.5") ==
         "wireframe FILE: wireframe is 1.5, not a whole number from 0 on");
-  CHECK(refused("vertices:", "corners:") == "wireframe FILE: no field vertices");
-  CHECK(refused("edges:", "lines:") == "wireframe FILE: no field edges");
-  CHECK(refused("wireframe: 1\nvertices: 5\nedges: []\n") == "wireframe FILE: vertices is not a list");
-  CHECK(refused("wireframe: 1\nvertices: [5]\nedges: []\n") ==
+  CHECK(body_refused("vertices:", "corners:") == "wireframe FILE: no field vertices");
+  CHECK(body_refused("edges:", "lines:") == "wireframe FILE: no field edges");
+  CHECK(body_refused("wireframe: 1\nvertices: 5\nedges: []\n") == "wireframe FILE: vertices is not a list");
+  CHECK(body_refused("wireframe: 1\nvertices: [5]\nedges: []\n") ==
         "wireframe FILE: vertices[0] is not a list of 3 numbers");
-  CHECK(refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: 7\n") == "wireframe FILE: edges is not a list");
-  CHECK(refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: [7]\n") ==
+  CHECK(body_refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: 7\n") ==
+        "wireframe FILE: edges is not a list");
+  CHECK(body_refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: [7]\n") ==
         "wireframe FILE: edges[0] is not a map of from and to");
-  CHECK(refused("[0.1, 0, 0]", "[0.1, 0]") == "wireframe FILE: vertices[1] is not a list of 3 numbers");
-  CHECK(refused("[0.1, 0, 0]", "[0.1, wide, 0]") == "wireframe FILE: vertices[1][1] is \"wide\", not a number");
-  CHECK(refused("{ from: 0, to: 1 }", "{ from: 0 }") == "wireframe FILE: edges[0] has no field to");
-  CHECK(refused("{ from: 0, to: 1 }", "{ from: -1, to: 1 }") ==
+  CHECK(body_refused("[0.1, 0, 0]", "[0.1, 0]") == "wireframe FILE: vertices[1] is not a list of 3 numbers");
+  CHECK(body_refused("[0.1, 0, 0]", "[0.1, wide, 0]") == "wireframe FILE: vertices[1][1] is \"wide\", not a number");
+  CHECK(body_refused("{ from: 0, to: 1 }", "{ from: 0 }") == "wireframe FILE: edges[0] has no field to");
+  CHECK(body_refused("{ from: 0, to: 1 }", "{ from: -1, to: 1 }") ==
         "wireframe FILE: edges[0] from is -1, not a whole number from 0 on");
-  CHECK(refused("{ from: 0, to: 1 }", "{ from: 0, to: 4 }") ==
+  CHECK(body_refused("{ from: 0, to: 1 }", "{ from: 0, to: 4 }") ==
         "wireframe FILE: edges[0] to is 4, but there are only 4 vertices");
-  CHECK(refused("{ from: 0, to: 1 }", "{ from: 1, to: 1 }") == "wireframe FILE: edges[0] has no length");
-  CHECK(refused("[0.1, 0, 0]", "[0, 0, 0]") == "wireframe FILE: edges[0] has no length");
-  CHECK(refused("from: 3\n    to: 0", "from: 2\n    to: 1") ==
+  CHECK(body_refused("{ from: 0, to: 1 }", "{ from: 1, to: 1 }") == "wireframe FILE: edges[0] has no length");
+  CHECK(body_refused("[0.1, 0, 0]", "[0, 0, 0]") == "wireframe FILE: edges[0] has no length");
+  CHECK(body_refused("from: 3\n    to: 0", "from: 2\n    to: 1") ==
         "wireframe FILE: edges[3] joins the same vertices as edges[1]");
-  CHECK(refused("dark_side: [-1, 0, 0]", "dark_side: [-1, 0]") ==
+  CHECK(body_refused("dark_side: [-1, 0, 0]", "dark_side: [-1, 0]") ==
         "wireframe FILE: edges[1] dark_side is not a list of 3 numbers");
-  CHECK(refused("dark_side: [-1, 0, 0]", "dark_side: [0, 0, 0]") ==
+  CHECK(body_refused("dark_side: [-1, 0, 0]", "dark_side: [0, 0, 0]") ==
         "wireframe FILE: edges[1] dark_side is zero: leave it out where it is not known");
-  CHECK(refused("dark_side: [-1, 0, 0]", "dark_side: [0, 1, 0.01]") ==
+  CHECK(body_refused("dark_side: [-1, 0, 0]", "dark_side: [0, 1, 0.01]") ==
         "wireframe FILE: edges[1] dark_side lies along the edge: it must point to one of its sides");
-  CHECK(refused("dark_side: [-1, 0, 0]", "darkside: [-1, 0, 0]") ==
+  CHECK(body_refused("dark_side: [-1, 0, 0]", "darkside: [-1, 0, 0]") ==
         "wireframe FILE: edges[1] has a field darkside, which no edge has (from, to, dark_side, face_normal)");
-  CHECK(refused("face_normal: [0, 2, 0]", "face_normal: [0, 0, 2]") ==
+  CHECK(body_refused("face_normal: [0, 2, 0]", "face_normal: [0, 0, 2]") ==
         "wireframe FILE: edges[2] face_normal is not perpendicular to the edge, which then is not on that face");
-  CHECK(refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: []\n") ==
+  CHECK(body_refused("wireframe: 1\nvertices: [[0, 0, 0], [1, 0, 0]]\nedges: []\n") ==
         "wireframe FILE: marker model: no segments");
-  CHECK(refused("rotation: [0, 1.5707963267948966, 0]", "turn: [0, 0, 0]") ==
+  CHECK(body_refused("rotation: [0, 1.5707963267948966, 0]", "turn: [0, 0, 0]") ==
         "wireframe FILE: start has no field rotation");
-  CHECK(refused("translation: [0.01, -0.02, 0.6]", "translation: 0.6") ==
+  CHECK(body_refused("translation: [0.01, -0.02, 0.6]", "translation: 0.6") ==
         "wireframe FILE: start translation is not a list of 3 numbers");
-  CHECK(refused("translation: [0.01, -0.02, 0.6]", "translation: [0.01, -0.02, 0.05]") ==
+  CHECK(body_refused("translation: [0.01, -0.02, 0.6]", "translation: [0.01, -0.02, 0.05]") ==
         "wireframe FILE: start puts vertex 1 not in front of the camera, but at z = -0.050000 m");
-  CHECK(refused("") == "wireframe FILE: is empty");
-  CHECK(refused("- 1\n- 2\n").starts_with("wireframe FILE: is neither"));
+  CHECK(body_refused("") == "wireframe FILE: is empty");
+  CHECK(body_refused("- 1\n- 2\n").starts_with("wireframe FILE: is neither"));
   CHECK_THROWS_WITH(opencv::load_wireframe("/nowhere/body.yml"),
                     "wireframe /nowhere/body.yml: cannot be read: No such file or directory");
 }

@@ -17,8 +17,10 @@
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/model/camera.hpp"
+#include "recordings/data.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
 
@@ -82,14 +84,6 @@ Shares shares(const std::filesystem::path& file, SensorSize size, const std::vec
                         << shares.paper);
   return shares;
 }
-
-bool missing(const std::filesystem::path& folder) {
-  if (std::filesystem::exists(folder / "events.csv")) return false;
-  MESSAGE("skipped: no " << (folder / "events.csv").string());
-  return true;
-}
-
-const std::filesystem::path kData = EVMARKER_SHARED_DATA;
 
 }  // namespace
 

@@ -15,8 +15,10 @@
 #include "evmarker/simulation/trajectory.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/update/decoupled_update.hpp"
+#include "recordings/data.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
 
@@ -53,17 +55,14 @@ namespace {
 // No calibration is known: the middle of the image, about 100 px. The square's size is not known either; any will do,
 // since only its image is compared.
 constexpr double kFocal = 100, kCentre = 63.5, kSide = 0.3, kStart_us = 100000, kEnd_us = 1950000;
-const PinholeCamera camera{{128, 128}, kFocal, kFocal, kCentre, kCentre};
+const PinholeCamera kFlipCamera{{128, 128}, kFocal, kFocal, kCentre, kCentre};
 
 // Follows the square from 0.1 to 1.95 s and compares its centre and in-plane angle with the reference.
 // @param share of the reference's moments at which the latest pose must be `tracking` and right
 template <PoseUpdateRule Rule>
 void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, double share) {
-  const std::filesystem::path folder = std::filesystem::path(EVMARKER_SHARED_DATA) / "flip";
-  if (!std::filesystem::exists(folder / "events.csv")) {
-    MESSAGE("skipped: no " << (folder / "events.csv").string());
-    return;
-  }
+  const std::filesystem::path folder = kData / "flip";
+  if (missing(folder)) return;
   const auto fits = read_fits(folder / "square_fit.csv");
   REQUIRE(fits.size() > 50);
   const Fit start = at(fits, kStart_us);
@@ -71,8 +70,8 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, double share) 
   const Eigen::Isometry3d T_start = facing_pose(
       {(start.x - kCentre) / kFocal * depth, (start.y - kCentre) / kFocal * depth, depth}, {0, 0, start.angle_rad});
 
-  MarkerTracker<Rule> tracker(camera, make_square_marker(kSide), T_start, settings);
-  io::CsvReader recording(folder / "events.csv", {.sensor_size = camera.sensor_size()});
+  MarkerTracker<Rule> tracker(kFlipCamera, make_square_marker(kSide), T_start, settings);
+  io::CsvReader recording(folder / "events.csv", {.sensor_size = kFlipCamera.sensor_size()});
   int poses = 0;
   double worst_px = 0, worst_deg = 0, turned = 0, angle_before = start.angle_rad, t_last = kStart_us;
   TrackingState state = TrackingState::converging;
@@ -91,7 +90,7 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, double share) 
     ++poses;
     state = pose->quality.state;
     t_last = t;
-    const Eigen::Vector2d centre = camera.project(pose->T_camera_marker.translation());
+    const Eigen::Vector2d centre = kFlipCamera.project(pose->T_camera_marker.translation());
     const auto& R = pose->T_camera_marker.linear();
     const double angle = std::atan2(R(1, 0), R(0, 0));
     turned += wrap_angle(angle - angle_before);

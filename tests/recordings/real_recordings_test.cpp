@@ -9,18 +9,12 @@
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/update/decoupled_update.hpp"
 #include "evmarker/update/kalman_update.hpp"
+#include "recordings/data.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
-
-const std::filesystem::path kData = EVMARKER_SHARED_DATA;
-
-bool has(const char* folder) {
-  const std::filesystem::path path = kData / folder / "events.csv";
-  if (!std::filesystem::exists(path)) MESSAGE("skipped: no " << path.string());
-  return std::filesystem::exists(path);
-}
 
 void check(const bench::BodyVerdict& verdict, double right_share, double median) {
   const double found = Spread::of(verdict.distances).median;
@@ -36,7 +30,7 @@ void check(const bench::BodyVerdict& verdict, double right_share, double median)
 
 TEST_CASE_TEMPLATE("the real pyramid is followed from its first usable reference on", Rule, KalmanUpdate,
                    DecoupledUpdate) {
-  if (!has("pyramid")) return;
+  if (missing(kData / "pyramid")) return;
   const bench::BodyVerdict verdict = bench::judge_pyramid<Rule>(kData);
   CHECK(verdict.moments == 541);
   check(verdict, 0.97, 1.4);  // [mm]
@@ -44,14 +38,14 @@ TEST_CASE_TEMPLATE("the real pyramid is followed from its first usable reference
 
 TEST_CASE_TEMPLATE("the real flip is followed with the settings that the library comes with", Rule, KalmanUpdate,
                    DecoupledUpdate) {
-  if (!has("flip")) return;
+  if (missing(kData / "flip")) return;
   const bench::BodyVerdict verdict = bench::judge_flip<Rule>(kData);
   CHECK(verdict.moments == 128);
   check(verdict, 0.97, std::is_same_v<Rule, KalmanUpdate> ? 0.6 : 1.2);  // [px]
 }
 
 TEST_CASE_TEMPLATE("real AprilTags are all found and followed, each alone", Rule, KalmanUpdate, DecoupledUpdate) {
-  if (!has("tags")) return;
+  if (missing(kData / "tags")) return;
   constexpr bool kKalman = std::is_same_v<Rule, KalmanUpdate>;
   const bench::TagsVerdict verdict = bench::judge_tags<Rule>(kData, false);
   MESSAGE("first " << Spread::of(verdict.first_ms).mean << " ms, corners " << verdict.corner_px << " px");

@@ -16,7 +16,7 @@ using namespace evmarker;
 namespace {
 
 constexpr double kMove_s = 0.4;
-const PinholeCamera camera{{346, 260}, 300, 300, 172.5, 129.5};
+const PinholeCamera kRestCamera{{346, 260}, 300, 300, 172.5, 129.5};
 
 struct Rest {
   double seconds, noise_hz_per_px;
@@ -52,10 +52,10 @@ std::vector<Rested<Rule>> rest(const Rest& rest, const std::vector<int>& events_
   const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
   std::vector<Rested<Rule>> all;
   for (const int n : events_per_update)
-    all.push_back({n, {camera, model, motion(0), {.events_per_update = n, .start_search = std::nullopt}}});
+    all.push_back({n, {kRestCamera, model, motion(0), {.events_per_update = n, .start_search = std::nullopt}}});
   const Timestamp end = static_cast<Timestamp>(1e6 * (kMove_s + rest.seconds));
   Simulator simulator(
-      camera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+      kRestCamera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
       SimulatorSettings{.duration_s = 2 * kMove_s + rest.seconds, .seed = 11, .noise_hz_per_px = rest.noise_hz_per_px});
   bool over = false;
   for_each_event(simulator, [&](const Event& event) {

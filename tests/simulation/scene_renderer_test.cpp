@@ -6,7 +6,7 @@ using namespace evmarker;
 
 namespace {
 
-const PinholeCamera kCamera{{200, 160}, 200, 200, 100, 80};
+const PinholeCamera kSmallCamera{{200, 160}, 200, 200, 100, 80};
 
 SimulatedMarker marker_at(const Eigen::Isometry3d& T, double length, std::uint8_t bit, double quiet_zone_cells = 0) {
   return {.length = length,
@@ -18,7 +18,7 @@ SimulatedMarker marker_at(const Eigen::Isometry3d& T, double length, std::uint8_
 }
 
 double light(const Scene& scene, int x, int y, double seconds = 0) {
-  const SceneRenderer renderer(kCamera, scene, 0.6);
+  const SceneRenderer renderer(kSmallCamera, scene, 0.6);
   return renderer.sample(renderer.at(seconds), x, y).intensity;
 }
 
@@ -90,7 +90,7 @@ TEST_CASE("a sheet that reaches behind the camera is drawn where it is in front"
   const double below = light(scene, 100, 150), above = light(scene, 100, 20);
   CHECK(below != doctest::Approx(0.4));
   CHECK(above == doctest::Approx(0.4));
-  for (const float value : SceneRenderer(kCamera, scene, 0.6).render(0)) CHECK(std::isfinite(value));
+  for (const float value : SceneRenderer(kSmallCamera, scene, 0.6).render(0)) CHECK(std::isfinite(value));
 }
 
 TEST_CASE("occluders stand in front, between their times") {
@@ -111,7 +111,7 @@ TEST_CASE("occluders stand in front, between their times") {
 
 TEST_CASE("motion is the fastest point's") {
   const auto motion = [](const SimulatedMarker& marker) {
-    const SceneRenderer renderer(kCamera, {{marker}, {}, {}}, 0.6);
+    const SceneRenderer renderer(kSmallCamera, {{marker}, {}, {}}, 0.6);
     return renderer.motion_px(renderer.at(0), renderer.at(0.01));
   };
   auto marker = marker_at(facing_pose({0, 0, 1}), 0.3, 0);
@@ -167,6 +167,6 @@ TEST_CASE("nor behind a fisheye lens that sees 65 deg to the side") {
 }
 
 TEST_CASE("a blur that makes no sense is named") {
-  CHECK_THROWS_WITH_AS(SceneRenderer(kCamera, {}, 0), "scene renderer: point_spread_px is 0.000000",
+  CHECK_THROWS_WITH_AS(SceneRenderer(kSmallCamera, {}, 0), "scene renderer: point_spread_px is 0.000000",
                        std::invalid_argument);
 }

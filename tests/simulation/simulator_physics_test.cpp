@@ -6,46 +6,14 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/events/event_stream.hpp"
-#include "evmarker/simulation/simulator.hpp"
+#include "simulation/moving_square.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
 
-constexpr double kFocal = 400, kDepth = 0.5, kSigma = 0.6;
-const PinholeCamera kCamera{{320, 240}, kFocal, kFocal, 159.5, 119.5};
-
-/// Every threshold the same, no dead time, no noise.
-SimulatorSettings ideal(double threshold_on = 0.25, double threshold_off = 0.25) {
-  return {.duration_s = 0.1,
-          .contrast_threshold_on = threshold_on,
-          .contrast_threshold_off = threshold_off,
-          .threshold_mismatch = 0,
-          .refractory_us = 0,
-          .noise_hz_per_px = 0};
-}
-
-/// A square of 80 px that moves right, its centre in the image's centre at 50 ms, on a background like its paper.
-Scene moving_right(double px_per_s, double black, double white) {
-  const double m_per_px = kDepth / kFocal;
-  const auto start = facing_pose({-0.05 * px_per_s * m_per_px, 0, kDepth});
-  return {{{.length = 0.1,
-            .bits = CodeBits::Zero(1, 1),
-            .T_camera_marker = trajectory::linear(start, {px_per_s * m_per_px, 0, 0}),
-            .black = black,
-            .white = white}},
-          {},
-          {.mean = white}};
-}
-
-double centre_u(double px_per_s, Timestamp t) { return 159.5 + px_per_s * (static_cast<double>(t) * 1e-6 - 0.05); }
-
-std::vector<Event> events_of(Simulator simulator) {
-  std::vector<Event> events;
-  for_each_event(simulator, [&](const Event& event) { events.push_back(event); });
-  return events;
-}
+constexpr double kSigma = 0.6;
 
 /// What an edge leaves at a pixel: events and their mean distance from it into the dark [px].
 struct Passage {

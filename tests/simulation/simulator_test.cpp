@@ -5,48 +5,19 @@
 #include <map>
 #include <set>
 
-#include "evmarker/events/event_stream.hpp"
+#include "simulation/moving_square.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 static_assert(EventSource<Simulator>);
 
 namespace {
 
-const PinholeCamera kCamera{{320, 240}, 400, 400, 159.5, 119.5};
-constexpr double kBlack = 0.08, kWhite = 0.85, kDepth = 0.5;
-
-CodeBits all(std::uint8_t value) { return CodeBits::Constant(1, 1, value); }
-
 CodeBits code() {
   CodeBits bits(4, 4);
   bits << 1, 0, 1, 1, 0, 1, 0, 0, 0, 0, 1, 1, 1, 0, 0, 1;
   return bits;
-}
-
-SimulatedMarker black_square(Trajectory motion) {
-  return {.length = 0.1, .bits = all(0), .T_camera_marker = std::move(motion), .black = kBlack, .white = kWhite};
-}
-
-/// A square of 80 px that moves right at the given speed, its centre in the image's centre at 50 ms; the background is
-/// as white as the paper.
-Scene moving_right(double px_per_s) {
-  const double m_per_px = kDepth / 400;
-  const auto start = facing_pose({-0.05 * px_per_s * m_per_px, 0, kDepth});
-  return {{black_square(trajectory::linear(start, {px_per_s * m_per_px, 0, 0}))}, {}, {.mean = kWhite}};
-}
-
-double centre_u(double px_per_s, Timestamp t) { return 159.5 + px_per_s * (static_cast<double>(t) * 1e-6 - 0.05); }
-
-/// Ideal pixels: every threshold the same, no dead time, no noise.
-SimulatorSettings ideal() {
-  return {.duration_s = 0.1, .threshold_mismatch = 0, .refractory_us = 0, .noise_hz_per_px = 0};
-}
-
-std::vector<Event> events_of(Simulator simulator) {
-  std::vector<Event> events;
-  for_each_event(simulator, [&](const Event& event) { events.push_back(event); });
-  return events;
 }
 
 bool sorted_and_on_sensor(const std::vector<Event>& events, const SimulatorSettings& settings = {}) {
@@ -194,7 +165,7 @@ TEST_CASE("time steps are fine enough") {
 }
 
 TEST_CASE("a scene at rest makes noise only, at the set rate and of both polarities alike") {
-  Scene scene{{black_square(trajectory::still(facing_pose({0, 0, kDepth})))}, {}, {.contrast = 0.5}};
+  Scene scene{{dark_square(trajectory::still(facing_pose({0, 0, kDepth})))}, {}, {.contrast = 0.5}};
   SimulatorSettings settings{.duration_s = 0.5, .noise_hz_per_px = 0};
   CHECK(events_of({kCamera, scene, settings}).empty());
 
@@ -374,7 +345,7 @@ TEST_CASE("a marker that flies through the camera is survived") {
 
 TEST_CASE("a pose that is not finite hides the marker") {
   const auto vanishing = [](double s) { return facing_pose({0.1 * s, 0, s < 0.02 ? kDepth : std::nan("")}); };
-  const auto events = events_of({kCamera, {black_square(vanishing)}, ideal()});
+  const auto events = events_of({kCamera, {dark_square(vanishing)}, ideal()});
   CHECK(events.size() > 100);
   for (const Event& e : events) CHECK(e.t < 22000);
 }
@@ -410,7 +381,7 @@ TEST_CASE("settings that make no sense are named") {
   CHECK(message({.max_step_px = 0}).find("max_step_px is 0") != std::string::npos);
   CHECK(message({.point_spread_px = 0}).find("point_spread_px is 0") != std::string::npos);
   CHECK(message_of([] {
-          auto marker = black_square(trajectory::still(facing_pose({0, 0, 1})));
+          auto marker = dark_square(trajectory::still(facing_pose({0, 0, 1})));
           marker.length = -0.1;
           Simulator(kCamera, {marker});
         }).find("length is -0.1") != std::string::npos);

@@ -9,7 +9,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-const TrackerSettings<> settings{
+const TrackerSettings<> kSettings{
     .detection_interval = 20ms, .search_interval = 4ms, .detection_latency = 3ms, .min_events_per_detection = 10};
 
 void pass_events(DetectionSchedule& schedule, int events) {
@@ -19,7 +19,7 @@ void pass_events(DetectionSchedule& schedule, int events) {
 }  // namespace
 
 TEST_CASE("detections begin at their interval, one at a time, and only after enough events") {
-  DetectionSchedule schedule(settings);
+  DetectionSchedule schedule(kSettings);
   CHECK(!schedule.due(0, true));
   pass_events(schedule, 9);
   CHECK(!schedule.due(0, true));
@@ -41,7 +41,7 @@ TEST_CASE("detections begin at their interval, one at a time, and only after eno
 }
 
 TEST_CASE("where one marker was found, others are searched as often for a while") {
-  DetectionSchedule schedule(settings);
+  DetectionSchedule schedule(kSettings);
   pass_events(schedule, 10);
   schedule.begin(50000);
   schedule.end();
@@ -57,7 +57,7 @@ TEST_CASE("where one marker was found, others are searched as often for a while"
 }
 
 TEST_CASE("a step back in time does not stop the schedule") {
-  DetectionSchedule schedule(settings);
+  DetectionSchedule schedule(kSettings);
   pass_events(schedule, 10);
   schedule.begin(std::numeric_limits<Timestamp>::max());
   schedule.end();

@@ -9,36 +9,33 @@
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simulation/trajectory.hpp"
+#include "tracking/facing_square.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
-
-constexpr double kFocal = 533;
-const MarkerModel kSquare = make_square_marker(0.1);  // top, right, bottom, left: 89 px each at 0.6 m
-
-Eigen::Isometry3d at(double x_px, double y_px) { return facing_pose({x_px * 0.6 / kFocal, y_px * 0.6 / kFocal, 0.6}); }
 
 // Moves a model between two places while every segment makes so many events.
 struct Walk {
   MarkerModel model = kSquare;
-  EdgeActivity activity{model, kFocal};
+  EdgeActivity activity{model, kFocalLength};
   Eigen::Vector2d place{0, 0};
 
-  Walk() { activity.log_likelihood_of_loss(model, at(0, 0)); }
+  Walk() { activity.log_likelihood_of_loss(model, square_at(0, 0)); }
   std::optional<double> go(const Eigen::Vector2d& way, const std::vector<int>& events) {
     for (std::size_t segment = 0; segment < events.size(); ++segment)
       for (int i = 0; i < events[segment]; ++i) activity.add(static_cast<int>(segment));
     place += way;
-    return activity.log_likelihood_of_loss(model, at(place.x(), place.y()));
+    return activity.log_likelihood_of_loss(model, square_at(place.x(), place.y()));
   }
 };
 
 }  // namespace
 
 TEST_CASE("the first question only says where the edges are, and too little motion says nothing") {
-  EdgeActivity activity(kSquare, kFocal);
-  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, at(0, 0)));
+  EdgeActivity activity(kSquare, kFocalLength);
+  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, square_at(0, 0)));
   CHECK_FALSE(activity.due());
   Walk walk;
   CHECK_FALSE(walk.go({0.5, 0.5}, {400, 400, 0, 400}));
@@ -72,7 +69,7 @@ TEST_CASE("edges along the motion need no events") {
 TEST_CASE("an edge on a side that is turned away is not missed") {
   Walk walk;
   walk.model.segments[3].face_normal = -Eigen::Vector3d::UnitZ();
-  walk.activity = EdgeActivity(walk.model, kFocal);
+  walk.activity = EdgeActivity(walk.model, kFocalLength);
   walk.go({0, 0}, {});
   for (int i = 0; i < 5; ++i) CHECK(walk.go({3, 3}, {800, 800, 800, 0}).value() < 0);
 }
@@ -92,6 +89,6 @@ TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double before = walk.activity.events_per_px2();
-  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, at(nan, 0)));
+  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, square_at(nan, 0)));
   CHECK(walk.activity.events_per_px2() == before);
 }

@@ -75,13 +75,13 @@ using Follower = EdgeFollower<DecoupledUpdate>;
 // From (-50, 0) to (50, 0) px at 1 m, dark below.
 MarkerModel lone_edge() { return {{{-0.1, 0, 0}, {0.1, 0, 0}}, {{0, 1, {0, 1, 0}}}}; }
 
-Isometry3d pose(const Vector3d& r, const Vector3d& translation) {
+Isometry3d turned_pose(const Vector3d& r, const Vector3d& translation) {
   Isometry3d T = Isometry3d::Identity();
   if (r.norm() > 0) T.linear() = Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix();
   T.translation() = translation;
   return T;
 }
-const Isometry3d kAhead = pose({0, 0, 0}, {0, 0, 1});
+const Isometry3d kAhead = turned_pose({0, 0, 0}, {0, 0, 1});
 
 Vector2d px(double x, double y) { return Vector2d(x, y) / kFocal; }
 
@@ -91,7 +91,7 @@ Vector3d corner(int i) { return {i % 4 == 1 || i % 4 == 2 ? kHalf : -kHalf, i % 
 Isometry3d truth_at(double seconds) {
   const double w = 2 * std::numbers::pi * 0.5 * seconds;
   Isometry3d T =
-      pose({std::numbers::pi, 0, 0}, {0.03 * std::sin(w), 0.02 * (1 - std::cos(w)), 0.5 + 0.02 * std::sin(w)});
+      turned_pose({std::numbers::pi, 0, 0}, {0.03 * std::sin(w), 0.02 * (1 - std::cos(w)), 0.5 + 0.02 * std::sin(w)});
   T.linear() = Eigen::AngleAxisd(0.3 * std::sin(w), Vector3d(0.3, 0.5, 0.8).normalized()) * T.linear();
   return T;
 }
@@ -304,7 +304,7 @@ TEST_CASE("automatic: as many events as the edges make while they move by a tent
                                            {0.1, 100},
                                            {0.05, 100}}) {
     CAPTURE(distance_m);
-    CountingFollower follower(lone_edge(), kFocal, pose({0, 0, 0}, {0, 0, distance_m}), {});
+    CountingFollower follower(lone_edge(), kFocal, turned_pose({0, 0, 0}, {0, 0, distance_m}), {});
     CHECK(follower.events_per_update() == events);
     CHECK(follower.rule().events_per_update == events);
     CHECK(follower.until_update() == static_cast<std::size_t>(events));
@@ -314,9 +314,9 @@ TEST_CASE("automatic: as many events as the edges make while they move by a tent
     CHECK(follower.last_update().matched == events);
   }
   CountingFollower follower(lone_edge(), kFocal, kAhead, {});
-  follower.start_from(pose({0, 0, 0}, {0, 0, 1.05}));
+  follower.start_from(turned_pose({0, 0, 0}, {0, 0, 1.05}));
   CHECK(follower.events_per_update() == 10);  // not for every small change
-  follower.start_from(pose({0, 0, 0}, {0, 0, 0.5}));
+  follower.start_from(turned_pose({0, 0, 0}, {0, 0, 0.5}));
   CHECK(follower.events_per_update() == 20);
   CHECK(follower.rule().events_per_update == 20);
   follower.set_events_per_passage(3);  // of no use to this rule
@@ -326,7 +326,8 @@ TEST_CASE("automatic: as many events as the edges make while they move by a tent
 TEST_CASE("automatic: more where a pixel makes more events, and a number stays that number") {
   const auto square = [](double distance_m, int n) {  // its edges are 200 px long at 1 m
     return EdgeFollower<KalmanUpdate>(evmarker::make_square_marker(0.1), kFocal,
-                                      pose({std::numbers::pi, 0, 0}, {0, 0, distance_m}), {.events_per_update = n});
+                                      turned_pose({std::numbers::pi, 0, 0}, {0, 0, distance_m}),
+                                      {.events_per_update = n});
   };
   for (const auto& [distance_m, per_px2, events] :
        {std::tuple{1.0, 3.0, 60}, {1.0, 30.0, 100}, {1.0, 0.2, 20}, {4.0, 1.6, 8}, {100.0, 2.0, 1}}) {
@@ -337,7 +338,7 @@ TEST_CASE("automatic: more where a pixel makes more events, and a number stays t
     fixed.set_events_per_passage(per_px2);
     CHECK(follower.events_per_update() == events);
     CHECK(fixed.events_per_update() == 7);
-    fixed.start_from(pose({std::numbers::pi, 0, 0}, {0, 0, 0.3}));
+    fixed.start_from(turned_pose({std::numbers::pi, 0, 0}, {0, 0, 0.3}));
     CHECK(fixed.events_per_update() == 7);
     CHECK(fixed.rule().trail_px() > 0);  // it was told
   }
@@ -363,7 +364,7 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
     }
     return "accepted";
   };
-  const Isometry3d facing = pose({std::numbers::pi, 0, 0}, {0, 0, 1});
+  const Isometry3d facing = turned_pose({std::numbers::pi, 0, 0}, {0, 0, 1});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK(message_of(facing, {}) == "accepted");
   CHECK(message_of(facing, {.events_per_update = -1}) == "decoupled update: events_per_update is -1");
@@ -372,7 +373,7 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
   CHECK(message_of(facing, {.update = {.rotation_gain = -1}}) == "decoupled update: rotation_gain is -1.000000");
   CHECK(message_of(kAhead, {}) == "T_camera_marker does not put the marker in front of the camera");  // from behind
   for (const Vector3d& t : {Vector3d(0, 0, -1), Vector3d(0, 0, 0), Vector3d(nan, 0, 1), Vector3d(0, 0, nan)})
-    CHECK(message_of(pose({std::numbers::pi, 0, 0}, t), {}) ==
+    CHECK(message_of(turned_pose({std::numbers::pi, 0, 0}, t), {}) ==
           "T_camera_marker does not put the marker in front of the camera");
 }
 
@@ -397,7 +398,7 @@ const Vector6d kIntoTheDark = twist({0, 0.5, 0}, {0, 0, 0});  // 250 px/s
 Isometry3d zigzag(double seconds) {
   const double cycle = seconds / 0.1 - std::floor(seconds / 0.1);
   const double way = 0.05 * (cycle < 0.5 ? 2 * cycle : 2 - 2 * cycle);  // [s]
-  Isometry3d T = pose({std::numbers::pi, 0, 0}, Vector3d(-0.01, -0.01, 0.5) + way * Vector3d(0.35, 0.2, 0.3));
+  Isometry3d T = turned_pose({std::numbers::pi, 0, 0}, Vector3d(-0.01, -0.01, 0.5) + way * Vector3d(0.35, 0.2, 0.3));
   T.linear() = Eigen::AngleAxisd(1.5 * way, Vector3d(0.4, 0.2, 0.9).normalized()) * T.linear();
   return T;
 }
@@ -638,7 +639,7 @@ TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lea
 TEST_CASE("at rest in noise, a rule that knows no motion stays where it is") {
   constexpr double kNoise_hz_px = 5;
   const MarkerModel square = evmarker::make_square_marker(0.1);
-  const Isometry3d here = pose({std::numbers::pi, 0, 0}, {0, 0, 0.6});
+  const Isometry3d here = turned_pose({std::numbers::pi, 0, 0}, {0, 0, 0.6});
   const auto drift_m = [&](int n, bool rest) {
     EdgeFollower<DecoupledUpdate> follower(square, kFocal, here,
                                            {.events_per_update = n, .update = {.hold_at_rest = rest}});

@@ -34,7 +34,7 @@ Eigen::Isometry3d detected(Eigen::Isometry3d T) {
 }  // namespace
 
 template <PoseUpdateRule Rule>
-AccuracyMeter track(MarkerTracker<Rule> tracker, const std::vector<Event>& events, const Trajectory& motion) {
+AccuracyMeter accuracy_of(MarkerTracker<Rule> tracker, const std::vector<Event>& events, const Trajectory& motion) {
   AccuracyMeter meter;
   for (const Event& event : events)
     if (const auto pose = tracker.push(event)) meter.add(*pose, motion(static_cast<double>(pose->t) * 1e-6));
@@ -48,7 +48,8 @@ TEST_CASE("a code marker is tracked within the paper's error by its rule, at eve
   const Eigen::Isometry3d start = detected(motion(0));
   for (const int n : {1, 5, 20, 100}) {
     CAPTURE(n);
-    const AccuracyMeter papers = track(code_tracker<DecoupledUpdate>(start, {.events_per_update = n}), events, motion);
+    const AccuracyMeter papers =
+        accuracy_of(code_tracker<DecoupledUpdate>(start, {.events_per_update = n}), events, motion);
     REQUIRE(static_cast<double>(papers.poses()) > 0.6 * static_cast<double>(events.size()) / n);
     CHECK(papers.lost() == 0);
     CHECK(papers.translation_mm().mean < 6);
@@ -58,7 +59,7 @@ TEST_CASE("a code marker is tracked within the paper's error by its rule, at eve
   }
   for (const int n : {10, 100}) {
     CAPTURE(n);
-    const AccuracyMeter ours = track(code_tracker(start, {.events_per_update = n}), events, motion);
+    const AccuracyMeter ours = accuracy_of(code_tracker(start, {.events_per_update = n}), events, motion);
     REQUIRE(static_cast<double>(ours.poses()) > 0.6 * static_cast<double>(events.size()) / n);
     CHECK(ours.lost() == 0);
     CHECK(ours.translation_mm().mean < 0.4);
@@ -73,10 +74,10 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
   // The cells' events are near the outline and belong to no edge of it: evidence against a square, and rightly so.
   const TrackHealthSettings patient{.false_alarm_rate = 1e-300};
-  const AccuracyMeter papers =
-      track(MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
-  const AccuracyMeter ours =
-      track(MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter papers = accuracy_of(
+      MarkerTracker<DecoupledUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
+  const AccuracyMeter ours = accuracy_of(
+      MarkerTracker<KalmanUpdate>(simulated::camera, square, motion(0), {.health = patient}), events, motion);
   for (const AccuracyMeter* meter : {&papers, &ours}) {
     REQUIRE(meter->tracking() > 200);
     CHECK(meter->translation_mm().mean < 15);

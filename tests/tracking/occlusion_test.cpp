@@ -16,7 +16,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth is known on every line of sight") {
-  ::Random random(12);
+  SeededNumbers random(12);
   constexpr double kLength = 0.06, kFocalLength = 533, kReach_px = 2;
   GridMatcher matcher(make_code_marker(kLength, simulated::code()), kFocalLength);
   int on = 0, beside = 0, far = 0;

@@ -6,13 +6,12 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
+using simulated::seconds;
 
 namespace {
 
-constexpr double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
-
 // The pose that looks the same from infinitely far away: depths turned over.
-Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T) {
+Eigen::Isometry3d turned_over(const Eigen::Isometry3d& T) {
   const Eigen::Vector3d sight = T.translation().normalized();
   Eigen::Isometry3d other = T;
   other.linear() = (Eigen::Matrix3d::Identity() - 2 * sight * sight.transpose()) * T.linear() *
@@ -66,7 +65,7 @@ TEST_CASE("far away, where both look alike, none is called tracking before the e
     for (const bool right_one_first : {true, false}) {
       CAPTURE(seed);
       CAPTURE(right_one_first);
-      PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), mirrored(motion(0)), right_one_first),
+      PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), turned_over(motion(0)), right_one_first),
                                             {.start_search = std::nullopt});
       AccuracyMeter meter;
       Timestamp first = 0;

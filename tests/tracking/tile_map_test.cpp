@@ -28,7 +28,7 @@ std::vector<int> asked(const TileMap& map, const Event& event) {
   return markers;
 }
 
-Event at(int x, int y) { return {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), 1, 0}; }
+Event event_on(int x, int y) { return {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), 1, 0}; }
 
 }  // namespace
 
@@ -53,16 +53,16 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
       }
       for (int y = 0; y < camera.sensor_size().height; ++y)
         for (int x = 0; x < camera.sensor_size().width; ++x) {
-          const std::vector<int> markers = asked(map, at(x, y));
+          const std::vector<int> markers = asked(map, event_on(x, y));
           std::vector<int> times(reaches.size());
           for (const int marker : markers) ++times[static_cast<std::size_t>(marker)];
           for (std::size_t i = 0; i < reaches.size(); ++i) {
-            const bool reached = reaches[i].contains(lines(at(x, y)));
+            const bool reached = reaches[i].contains(lines(event_on(x, y)));
             inside += reached;
             if (times[i] > 1 || (reached && times[i] != 1)) FAIL_CHECK("marker " << i << " at " << x << ", " << y);
           }
-          const auto its = [&](const Box& reach) { return reach.contains(lines(at(x, y))); };
-          if (std::ranges::count_if(reaches, its) > 1 && !map.shared(at(x, y), lines))
+          const auto its = [&](const Box& reach) { return reach.contains(lines(event_on(x, y))); };
+          if (std::ranges::count_if(reaches, its) > 1 && !map.shared(event_on(x, y), lines))
             FAIL_CHECK("not shared at " << x << ", " << y);
           told += static_cast<long>(markers.size());
           ++pixels;
@@ -77,15 +77,15 @@ TEST_CASE("a marker that may be anywhere is told everything, one that left or wa
   const UndistortionTable lines(kStraight);
   TileMap map(lines);
   map.resize(3);
-  CHECK(asked(map, at(100, 75)).empty());
+  CHECK(asked(map, event_on(100, 75)).empty());
   map.move(1, Box::everywhere());
   map.move(2, {{-0.1, -0.1}, {0.1, 0.1}});
-  CHECK(asked(map, at(100, 75)) == std::vector{1, 2});
-  CHECK(asked(map, at(0, 149)) == std::vector{1});
-  CHECK(map.shared(at(100, 75), lines));
-  CHECK_FALSE(map.shared(at(0, 149), lines));
+  CHECK(asked(map, event_on(100, 75)) == std::vector{1, 2});
+  CHECK(asked(map, event_on(0, 149)) == std::vector{1});
+  CHECK(map.shared(event_on(100, 75), lines));
+  CHECK_FALSE(map.shared(event_on(0, 149), lines));
   map.move(2, {{5, 5}, {6, 6}});
-  CHECK(asked(map, at(100, 75)) == std::vector{1});
+  CHECK(asked(map, event_on(100, 75)) == std::vector{1});
   map.resize(2);
-  CHECK(asked(map, at(100, 75)).empty());
+  CHECK(asked(map, event_on(100, 75)).empty());
 }

@@ -9,20 +9,17 @@
 #include <vector>
 
 #include "evmarker/simulation/trajectory.hpp"
+#include "tracking/facing_square.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
 
 namespace {
-
-constexpr double kFocal = 533;
-const MarkerModel kSquare = make_square_marker(0.1);  // 89 px each side at 0.6 m
-
-Eigen::Isometry3d at(double x_px, double y_px) { return facing_pose({x_px * 0.6 / kFocal, y_px * 0.6 / kFocal, 0.6}); }
 
 // A square that moves to and fro along its diagonal by `step_px` in x and y between two judgements. A pixel that an
 // edge passes makes Poisson(`burst`) events times the edge's contrast, none of them where the edge is hidden; beside
 // the edges lie as many as make the share of matched events `share`.
-struct Scene {
+struct MovingSquare {
   TrackHealth health;
   std::mt19937 random;
   double burst = 3, share = 0.9, step_px = 1.5;
@@ -33,11 +30,11 @@ struct Scene {
   int steps = 0;
   double place = 0;
 
-  explicit Scene(unsigned seed, double false_alarm_rate = 1e-6, const MarkerModel& model = kSquare)
-      : health(model, kFocal, {.false_alarm_rate = false_alarm_rate}), random(seed), square(model) {
+  explicit MovingSquare(unsigned seed, double false_alarm_rate = 1e-6, const MarkerModel& model = kSquare)
+      : health(model, kFocalLength, {.false_alarm_rate = false_alarm_rate}), random(seed), square(model) {
     health.restart(0);
     health.judge_verification(true);
-    health.judge_edges(square, at(0, 0));
+    health.judge_edges(square, square_at(0, 0));
   }
 
   int poisson(double mean) { return mean > 0 ? std::poisson_distribution<int>(mean)(random) : 0; }
@@ -55,7 +52,7 @@ struct Scene {
     t += dt_us;
     interleave(left, near, dt_us);
     place += (steps++ / 40) % 2 == 0 ? step_px : -step_px;
-    if (health.edges_due()) health.judge_edges(square, at(place, place));
+    if (health.edges_due()) health.judge_edges(square, square_at(place, place));
   }
 
   // As a tracker: judged whenever enough have come.
@@ -102,7 +99,7 @@ TEST_CASE("markers that are followed are lost no oftener than stated, at any sha
       long blocks = 0;
       int lost = 0, unsure = 0;
       for (unsigned seed = 0; blocks < 70000; ++seed) {
-        Scene scene(seed + 1);
+        MovingSquare scene(seed + 1);
         scene.share = share;
         scene.burst = burst;
         for (int i = 0; i < 4000 && !scene.health.lost() && scene.blocks < 70000; ++i) {
@@ -124,7 +121,7 @@ TEST_CASE("half of the edges without events are found within a few pixels of mot
     CAPTURE(burst);
     double worst_px = 0;
     for (unsigned seed = 1; seed <= 50; ++seed) {
-      Scene scene(seed);
+      MovingSquare scene(seed);
       scene.burst = burst;
       REQUIRE(scene.settle());
       scene.contrast = {1, 0.02, 1, 0.02};
@@ -147,7 +144,7 @@ TEST_CASE("events that lie anywhere near the edges lose the marker within some h
     CAPTURE(usual);
     int most = 0;
     for (unsigned seed = 1; seed <= 50; ++seed) {
-      Scene scene(seed);
+      MovingSquare scene(seed);
       scene.share = usual;
       scene.burst = 1;
       REQUIRE(scene.settle());
@@ -173,7 +170,7 @@ TEST_CASE("events that lie anywhere near the edges lose the marker within some h
 TEST_CASE("events that lie anywhere near the edges do not speak for the marker, however slowly they come") {
   for (unsigned seed = 1; seed <= 20; ++seed) {
     CAPTURE(seed);
-    Scene scene(seed);
+    MovingSquare scene(seed);
     REQUIRE(scene.settle());
     std::bernoulli_distribution matches(1.0 / 3);
     const auto add_anywhere = [&](Timestamp after_us) {
@@ -194,7 +191,7 @@ TEST_CASE("events that lie anywhere near the edges do not speak for the marker, 
 
 TEST_CASE("noise at a constant rate at rest is no evidence") {
   for (unsigned seed = 1; seed <= 20; ++seed) {
-    Scene scene(seed);
+    MovingSquare scene(seed);
     scene.noise_per_us = 0.002;  // 2000 per second near the edges
     for (int i = 0; i < 1000; ++i) scene.move();
     REQUIRE(scene.health.sure());
@@ -215,7 +212,7 @@ TEST_CASE("edges of very different contrast are measured by their own history") 
     // A body of which no dark side is told: its edges need not be of one ink on one paper.
     MarkerModel body = kSquare;
     for (MarkerSegment& segment : body.segments) segment.dark_side.setZero();
-    Scene scene(seed, 1e-6, body);
+    MovingSquare scene(seed, 1e-6, body);
     scene.contrast = {2.4, 0.06, 0.8, 0.74};  // 1 on average
     for (int i = 0; i < 2000 && !scene.health.lost(); ++i) scene.move();
     CHECK_FALSE(scene.health.lost());
@@ -224,13 +221,13 @@ TEST_CASE("edges of very different contrast are measured by their own history") 
 }
 
 TEST_CASE("a pose that was moved without events is no evidence") {
-  Scene scene(1);
+  MovingSquare scene(1);
   REQUIRE(scene.settle());
   const double before = scene.health.probability();
   for (int i = 0; i < 20; ++i) {
     scene.place += 30;
     scene.health.restart_edges();
-    scene.health.judge_edges(kSquare, at(scene.place, scene.place));
+    scene.health.judge_edges(kSquare, square_at(scene.place, scene.place));
   }
   CHECK(scene.health.probability() == before);
   for (int i = 0; i < 100; ++i) scene.move();
@@ -238,11 +235,11 @@ TEST_CASE("a pose that was moved without events is no evidence") {
 }
 
 TEST_CASE("verifications and the state of things as one probability") {
-  TrackHealth health(kSquare, kFocal, {});
+  TrackHealth health(kSquare, kFocalLength, {});
   CHECK(health.probability() == 0.5);
   CHECK_FALSE(health.sure());  // no events yet
   CHECK_FALSE(health.lost());
-  Scene scene(3);
+  MovingSquare scene(3);
   REQUIRE(scene.settle());
   CHECK(scene.health.probability() > 0);
   CHECK(scene.health.probability() < 1);
@@ -258,7 +255,7 @@ TEST_CASE("verifications and the state of things as one probability") {
 }
 
 TEST_CASE("a judgement cannot come with fewer events than are said to stay") {
-  TrackHealth health(kSquare, kFocal, {});
+  TrackHealth health(kSquare, kFocalLength, {});
   int events = 0;
   while (!health.due()) {
     for (const std::size_t more : {std::size_t{1}, std::size_t{9}, std::size_t{63}}) {
@@ -276,6 +273,7 @@ TEST_CASE("a judgement cannot come with fewer events than are said to stay") {
 TEST_CASE("a rate that is none is refused by name") {
   for (const double rate : {0.0, -1.0, 0.5, std::nan("")}) {
     CAPTURE(rate);
-    CHECK_THROWS_WITH(TrackHealth(kSquare, kFocal, {.false_alarm_rate = rate}), doctest::Contains("false_alarm_rate"));
+    CHECK_THROWS_WITH(TrackHealth(kSquare, kFocalLength, {.false_alarm_rate = rate}),
+                      doctest::Contains("false_alarm_rate"));
   }
 }

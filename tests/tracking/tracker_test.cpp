@@ -17,12 +17,11 @@
 #include "simulated.hpp"
 
 using namespace evmarker;
+using simulated::seconds;
 using simulated::TrueDetector;
 using namespace std::chrono_literals;
 
 namespace {
-
-double seconds(Timestamp t) { return static_cast<double>(t) * 1e-6; }
 
 opencv::ArucoDetector<PinholeCamera> aruco() {
   return {simulated::camera, {.dictionary = "DICT_4X4_50", .marker_length = simulated::kMarkerLength}};

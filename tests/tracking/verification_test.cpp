@@ -17,7 +17,7 @@ namespace {
 
 using Follower = EdgeFollower<DecoupledUpdate>;
 
-Eigen::Isometry3d pose(const Eigen::Matrix3d& R, const Eigen::Vector3d& T) {
+Eigen::Isometry3d pose_of(const Eigen::Matrix3d& R, const Eigen::Vector3d& T) {
   Eigen::Isometry3d P = Eigen::Isometry3d::Identity();
   P.linear() = R;
   P.translation() = T;
@@ -34,8 +34,8 @@ Eigen::Matrix3d rotation(double roll, double pitch, double yaw) {
 }  // namespace
 
 TEST_CASE("Eq. 13 is the sum of the centre's distances along x and y in pixels") {
-  const auto error =
-      backtrack_error(pose(rotation(0, 0, 0), {0.10, -0.05, 0.5}), pose(rotation(0, 0, 0), {0.13, -0.03, 0.6}), 500);
+  const auto error = backtrack_error(pose_of(rotation(0, 0, 0), {0.10, -0.05, 0.5}),
+                                     pose_of(rotation(0, 0, 0), {0.13, -0.03, 0.6}), 500);
   // 500 * |0.1 / 0.5 - 0.13 / 0.6| + 500 * |-0.05 / 0.5 + 0.03 / 0.6|
   CHECK(error.translation_px == doctest::Approx(500 * (0.13 / 0.6 - 0.2) + 500 * 0.05));
   CHECK(error.rotation_rad == doctest::Approx(0));
@@ -43,11 +43,12 @@ TEST_CASE("Eq. 13 is the sum of the centre's distances along x and y in pixels")
 
 TEST_CASE("Eq. 14 adds the three angles' distances, wrapped") {
   const Eigen::Vector3d T(0, 0, 1);
-  const auto plain = backtrack_error(pose(rotation(0.1, 0.2, 0.3), T), pose(rotation(0.15, 0.1, 0.33), T), 500);
+  const auto plain = backtrack_error(pose_of(rotation(0.1, 0.2, 0.3), T), pose_of(rotation(0.15, 0.1, 0.33), T), 500);
   CHECK(plain.rotation_rad == doctest::Approx(0.05 + 0.1 + 0.03));
   // A marker that faces the camera upright has a roll of pi: the two sides of the cut are 0.02 apart, not 2 pi.
   const double pi = std::numbers::pi;
-  const auto wrapped = backtrack_error(pose(rotation(pi - 0.01, 0, 0), T), pose(rotation(-pi + 0.01, 0, 0), T), 500);
+  const auto wrapped =
+      backtrack_error(pose_of(rotation(pi - 0.01, 0, 0), T), pose_of(rotation(-pi + 0.01, 0, 0), T), 500);
   CHECK(wrapped.rotation_rad == doctest::Approx(0.02));
   CHECK(wrapped.angle_rad == doctest::Approx(0.02));
 }
@@ -79,7 +80,7 @@ TEST_CASE("automatic: a small marker may come back turned by what moves its rim 
   CHECK_FALSE(told.passes({0, 0.201, 0}));
 }
 
-TEST_CASE("settings out of range are named") {
+TEST_CASE("thresholds and spans out of range are named") {
   const Follower follower(make_square_marker(0.1), 500, facing_pose({0, 0, 1}), {});
   using V = Verification<DecoupledUpdate>;
   CHECK_THROWS_WITH(V(follower, {.updates = 0}), doctest::Contains("updates is 0"));

@@ -46,9 +46,9 @@ double angle_between(const Isometry3d& a, const Isometry3d& b) {
 }
 
 // Events of a square and of a smaller one inside it at a true pose, each matched to its own edge at another pose.
-class Scene {
+class SquareScene {
  public:
-  Scene(const Isometry3d& truth, double scale) : truth_(truth) {
+  SquareScene(const Isometry3d& truth, double scale) : truth_(truth) {
     for (const double h : {0.05 * scale, 0.02 * scale})
       for (int i = 0; i < 4; ++i) corners_.emplace_back((i == 1 || i == 2) ? h : -h, i < 2 ? h : -h, 0);
   }
@@ -77,7 +77,7 @@ class Scene {
 Isometry3d followed(const DecoupledSettings& settings, int events_per_update, const Isometry3d& truth, Isometry3d start,
                     int events, double scale = 1) {
   DecoupledUpdate rule(settings, events_per_update);
-  Scene scene(truth, scale);
+  SquareScene scene(truth, scale);
   for (int i = 1; i <= events; ++i) {
     rule.add(scene.next(start), start);
     if (i % events_per_update == 0) REQUIRE(rule.update(start, i));
@@ -154,7 +154,7 @@ TEST_CASE("the default weight is one over the events of an update, at most a ten
 
 namespace {
 
-constexpr double kFocal = 400;  // [px]
+constexpr double kFocal_px = 400;
 
 // An event that lies behind its moving edge, which goes through P, parallel to the image, with `normal` toward the
 // dark.
@@ -164,8 +164,8 @@ Correspondence trailing(const Vector3d& P, const Eigen::Vector2d& normal, double
   c.dark_side_known = true;
   c.normal = normal;
   c.gradient << normal, -normal.dot(P.head<2>()) / P.z();
-  c.gradient *= kFocal / P.z();
-  c.M << P.head<2>() / P.z() - polarity * trail_px / kFocal * normal, 1;
+  c.gradient *= kFocal_px / P.z();
+  c.M << P.head<2>() / P.z() - polarity * trail_px / kFocal_px * normal, 1;
   c.E = P;
   c.F = c.M.dot(c.E) / c.M.squaredNorm() * c.M;
   return c;
@@ -218,8 +218,8 @@ Isometry3d moved(DecoupledUpdate rule, double trail_px, bool together = false) {
 TEST_CASE("events that trail their edges by what is expected do not move the pose, one by one as together") {
   const Isometry3d right = pose({0, 0, 0}, {0.1, -0.08, 0.6});
   DecoupledUpdate ignorant({}, 4), knowing = ignorant, papers(DecoupledSettings::paper(), 4);
-  knowing.set_trail_by_event_density(3, kFocal);
-  papers.set_trail_by_event_density(3, kFocal);
+  knowing.set_trail_by_event_density(3, kFocal_px);
+  papers.set_trail_by_event_density(3, kFocal_px);
   constexpr double kTrail_px = 2.1 / 6;
   for (const bool together : {false, true}) {
     CAPTURE(together);
@@ -234,7 +234,7 @@ TEST_CASE("events that trail their edges by what is expected do not move the pos
   }
   CHECK((moved(knowing, 0.1, true).matrix() - moved(knowing, 0.1).matrix()).norm() < 1e-12);
   // Half a pixel at most.
-  knowing.set_trail_by_event_density(0.1, kFocal);
+  knowing.set_trail_by_event_density(0.1, kFocal_px);
   CHECK((moved(knowing, 0.5).translation() - right.translation()).norm() < 1e-6);
 }
 
@@ -361,7 +361,7 @@ TEST_CASE("copies are independent") {
   CHECK(T.matrix() != copied.matrix());
 }
 
-TEST_CASE("impossible settings are refused with field and value") {
+TEST_CASE("impossible settings of the decoupled update are refused with field and value") {
   const auto message_of = [](const DecoupledSettings& settings, int events_per_update = 100) -> std::string {
     try {
       const DecoupledUpdate rule(settings, events_per_update);

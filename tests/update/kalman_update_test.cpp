@@ -746,7 +746,7 @@ TEST_CASE("rotations stay rotations, and copies are independent") {
   CHECK(turning.T_camera_marker().matrix() != before.matrix());
 }
 
-TEST_CASE("impossible settings are refused with field and value") {
+TEST_CASE("impossible settings of the Kalman update are refused with field and value") {
   const auto message_of = [](const KalmanSettings& settings, int events_per_update = 100) -> std::string {
     try {
       const KalmanUpdate rule(settings, events_per_update);
