@@ -16,6 +16,7 @@
 
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/simulation/simulator.hpp"
+#include "message_of.hpp"
 #include "opencv/pose_distance.hpp"
 
 using namespace evmarker;
@@ -108,16 +109,6 @@ void print(PolarityFrame& frame, const Lens& lens, const CodeBits& bits, double 
       frame.update({static_cast<std::uint16_t>(pixels[i].x), static_cast<std::uint16_t>(pixels[i].y),
                     static_cast<std::int16_t>(white(column, row)), 1234});
   }
-}
-
-template <typename F>
-std::string message_of(F&& f) {
-  try {
-    f();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "no error";
 }
 
 }  // namespace

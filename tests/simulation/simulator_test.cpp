@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "message_of.hpp"
 #include "simulation/moving_square.hpp"
 
 using namespace evmarker;
@@ -70,16 +71,6 @@ double expected_offset(bool gets_darker, double threshold, double sigma) {
     sum += bright;
   }
   return sum / count;
-}
-
-template <typename F>
-std::string message_of(F&& f) {
-  try {
-    f();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "nothing thrown";
 }
 
 }  // namespace
