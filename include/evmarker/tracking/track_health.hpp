@@ -67,8 +67,8 @@ class TrackHealth {
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
-    const double expected =
-        (usual_share_ + kChanceShare) / 2;  // of a followed marker: half way from chance to the usual
+    // A marker counts as followed from a share half way between chance and the usual one on.
+    const double expected = (usual_share_ + kChanceShare) / 2;
     // The events of one pixel in one passage come together and are one piece of evidence.
     const double independent = 1 / std::clamp(activity_.events_per_px2(), 1.0, 10.0);
     judge(independent * (excess_matched * std::log(kChanceShare / expected) +
