@@ -30,7 +30,7 @@ struct BoardContradiction {
 /// Weighs the frames that contradict the file of a board against those that agree with it. A board is refused once
 /// `kEnough` more frames have contradicted than agreed, and until the balance is even again. The balance counts no more
 /// than `kEnough` for the file and twice as many against it. If a share p of the frames of a correct board contradicts
-/// by mistake, the board is refused before the balance is fully for the file with a probability of about
+/// by mistake, the probability that the board is refused before the balance reaches its limit for the file is about
 /// (p / (1 - p))^kEnough: 1.5e-4 at 5 %. From then on, twice as many contradictions are needed.
 class BoardCheck {
  public:

@@ -16,11 +16,11 @@ namespace evmarker {
 /// pixel or of one of its 8 neighbours.
 ///
 /// Where noise of rate r is all that happens, an event has an age over a with the probability exp(-9 r a). So r is at
-/// most n(a) exp(9 r a), where n(a) is the measured rate of the events with an age over a. The rate of all events (a =
-/// 0) is a first bound on r. It is lowered step by step with longer ages, as long as noise at the present bound would
-/// not hide most events of that age. With noise alone every bound equals r; events of edges, hot pixels and bursts
-/// leave the count once a exceeds their ages. Where edges pass so often that they hide the noise, they make ten times
-/// as many events as it does, and its rate does not matter.
+/// most n(a) exp(9 r a), where n(a) is the measured rate of the events with an age over a. The rate of all events,
+/// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as noise at the present bound
+/// would not hide most events of that age. With noise alone every bound equals r; events of edges, hot pixels and
+/// bursts leave the count once a exceeds their ages. Where edges pass so often that they hide the noise, they make ten
+/// times as many events as it does, and its rate does not matter.
 class BackgroundActivity {
  public:
   explicit BackgroundActivity(double pixels) noexcept : hz_per_px_of_one_(1e6 / pixels) {}

@@ -119,8 +119,8 @@ class SpatiotemporalFilter {
 
   std::size_t stride_;    // sensor width + 2: a border without events saves the neighbours' bounds checks
   std::uint32_t window_;  // [us]
-  std::uint64_t until_sample_ =
-      0;  // events; with a fixed window it wraps from 0 to 2^64 - 1, and no sample is ever due
+  // Events until the next sample; with a fixed window it wraps from 0 to 2^64 - 1, and no sample is ever due.
+  std::uint64_t until_sample_ = 0;
   BackgroundActivity activity_;
   std::vector<std::uint32_t> last_;  // low 32 bits of the time of each pixel's last event [us]
   Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;

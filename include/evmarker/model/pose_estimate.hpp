@@ -69,11 +69,10 @@ struct TrackingQuality {
   int matched = 0;         ///< events that took part in this update
   int offered = 0;         ///< events that fell on or near the marker since the last update
   double residual_px = 0;  ///< root mean square distance of the matched events to their edges [px]
-  double backtrack_px = std::numeric_limits<double>::quiet_NaN();   ///< Eq. (13) at the last verification [px]
-  double backtrack_rad = std::numeric_limits<double>::quiet_NaN();  ///< Eq. (14) at the last verification [rad]
-  double backtrack_angle_rad =
-      std::numeric_limits<double>::quiet_NaN();  ///< rotation of Eq. (14) as one geodesic angle [rad]
-  Timestamp updated_t = 0;                       ///< time of the last update [us]: `t - updated_t` is the pose's age
+  double backtrack_px = std::numeric_limits<double>::quiet_NaN();         ///< Eq. (13) at the last verification [px]
+  double backtrack_rad = std::numeric_limits<double>::quiet_NaN();        ///< Eq. (14) at the last verification [rad]
+  double backtrack_angle_rad = std::numeric_limits<double>::quiet_NaN();  ///< the same as one geodesic angle [rad]
+  Timestamp updated_t = 0;    ///< time of the last update [us]: `t - updated_t` is the pose's age
   Timestamp backtrack_t = 0;  ///< time of the last verification [us]; before the first, its errors are NaN
 };
 
@@ -100,8 +99,8 @@ inline double image_variance(const PoseEstimate& pose, Vec3 point, double focal_
   double variance = 0;
   for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
     const Vec3 g = image_gradient(along, X, focal_length);
-    const std::array<double, 6> J =
-        Vec6(g, cross(lever, g)).array();  // derivative of the point's image by the perturbation
+    // Derivative of the point's image by the perturbation.
+    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) variance += J[i] * pose.covariance->data()[6 * k + i] * J[k];
   }

@@ -70,10 +70,9 @@ class EdgeActivity {
   void restart() noexcept { restart(false); }
 
  private:
-  static constexpr double kDistance = 1;     // [px] mean motion of the edges that is enough to evaluate them
-  static constexpr double kJitter_px = 0.5;  // by errors of the pose, an edge may seem to move so far
-  static constexpr double kHidden =
-      0.1;  // share of its usual events that are seen at a hidden edge: those of what hides it
+  static constexpr double kDistance = 1;      // [px] mean motion of the edges that is enough to evaluate them
+  static constexpr double kJitter_px = 0.5;   // by errors of the pose, an edge may seem to move so far
+  static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
   static constexpr double kMost = 3;          // limit of one edge's evidence: its contrast may have changed
   static constexpr double kFading = 0.9;      // of the history, at every evaluation
   static constexpr double kLeastRate = 1e-6;  // [1/px^2]

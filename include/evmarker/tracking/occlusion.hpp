@@ -34,8 +34,8 @@ double sheet_inverse_depth(const MarkerTracker<Rule>& tracker, Vec2 m) noexcept 
 /// there is not known.
 template <PoseUpdateRule Rule>
 bool hidden_by(double sheet_inverse_depth, const MarkerTracker<Rule>& tracker, Vec2 m) noexcept {
-  constexpr double kResolvable =
-      1.003;  // ratio of depths; below it the poses' errors, not the sheets, decide which is nearer
+  // Ratio of depths; below it, sheets may lie on each other, and errors of the poses decide which is nearer.
+  constexpr double kResolvable = 1.003;
   const double marker_inverse_depth = inverse_depth(tracker.follower().matcher(), m);
   return marker_inverse_depth > 0 && kResolvable * marker_inverse_depth < sheet_inverse_depth;
 }

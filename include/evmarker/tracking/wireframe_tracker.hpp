@@ -109,11 +109,10 @@ class WireframeTracker {
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
 
  private:
-  static constexpr std::uint64_t kPredictAgain_us =
-      5000;                                   // between two predictions of the body's place during a search
-  static constexpr double kNearest_m = 1e-6;  // least depth of a vertex
-  static constexpr double kWider = 1.5;       // a search begins again if it must reach farther by this factor
-  static constexpr double kSure = 2;          // standard deviations that a search must reach
+  static constexpr std::uint64_t kPredictAgain_us = 5000;  // between two predictions of the place of a lost body
+  static constexpr double kNearest_m = 1e-6;               // least depth of a vertex
+  static constexpr double kWider = 1.5;  // a search begins again if it must reach farther by this factor
+  static constexpr double kSure = 2;     // standard deviations that a search must reach
   // Limits of the search. Beyond half of the body's size, an edge would be found in the place of another.
   static constexpr double kFarthest_share = 0.5, kFarthest_depth_share = 0.3, kFarthest_rad = 0.4;
 

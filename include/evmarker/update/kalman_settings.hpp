@@ -21,9 +21,8 @@ struct KalmanSettings {
   /// Standard deviation of the sensor's unknown delay [s]. It shifts the pose along its motion, which the filter cannot
   /// observe; used in the reported covariance only.
   double latency_sigma_s = 2e-4;
-  double trail_sigma_px =
-      0.1;  ///< the same for the unknown part of the trail [px]; used in the reported covariance only
-  /// Factor from the filter's own covariance to the reported one. The noise above is larger than the average noise, so
+  /// The same for the unknown part of the trail [px].
+  double trail_sigma_px = 0.1;
   /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests.
   double covariance_scale = 0.2;
   // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail.
