@@ -23,6 +23,7 @@ struct KalmanSettings {
   double latency_sigma_s = 2e-4;
   /// The same for the unknown part of the trail [px].
   double trail_sigma_px = 0.1;
+  /// Factor from the filter's own covariance to the reported one. The noise above is larger than the average noise, so
   /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests.
   double covariance_scale = 0.2;
   // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail.
