@@ -18,7 +18,7 @@ using Ticks = std::vector<Timestamp>;
 
 Ticks due(TickClock& clock, Timestamp now) {
   Ticks ticks;
-  while (const auto t = clock.due(now)) ticks.push_back(*t);
+  while (const auto t = clock.take_due(now)) ticks.push_back(*t);
   return ticks;
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-// Rotations: exponential and logarithm, roll/pitch/yaw, small turns in place.
+// Rotations: exponential and logarithm, roll/pitch/yaw, rotation and orthonormalisation in place.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -11,13 +11,14 @@ namespace evmarker {
 
 namespace detail {
 
-/// sin(angle) / angle and (1 - cos(angle)) / angle^2: Rodrigues' formula is I + first K + second K^2, K b = r x b.
+/// The coefficients of Rodrigues' formula R = I + first K + second K^2 for a rotation vector r, where K b = r x b:
+/// first = sin(angle) / angle, second = (1 - cos(angle)) / angle^2.
 struct RodriguesCoefficients {
   double first, second;
 };
 
 inline RodriguesCoefficients rodrigues(double angle2) {
-  // Taylor series below 1e-4 rad^2, where (1 - cos) / angle^2 would cancel; the next terms are under 1e-15.
+  // Taylor series below 1e-4 rad^2, where 1 - cos(angle) loses digits; the terms left out are under 1e-15.
   if (angle2 < 1e-4)
     return {1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42)),
             0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56))};
@@ -27,14 +28,14 @@ inline RodriguesCoefficients rodrigues(double angle2) {
 
 }  // namespace detail
 
-/// `A * B`, compiled once: Eigen makes a type of every expression that it is part of.
+/// The matrix product `A * B`, as a plain function: it compiles once, Eigen's operator once for every expression type.
 inline Eigen::Matrix3d product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
   Eigen::Matrix3d C;
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < 3; ++i) C(i, k) = A(i, 0) * B(0, k) + A(i, 1) * B(1, k) + A(i, 2) * B(2, k);
   return C;
 }
-/// `A.transpose() * B`, likewise.
+/// The matrix product `A.transpose() * B`.
 inline Eigen::Matrix3d transposed_product(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
   Eigen::Matrix3d C;
   for (int k = 0; k < 3; ++k)
@@ -42,7 +43,7 @@ inline Eigen::Matrix3d transposed_product(const Eigen::Matrix3d& A, const Eigen:
   return C;
 }
 
-/// Rotation matrix of a rotation vector [rad] (Rodrigues' formula, exact to rounding for every angle).
+/// Rotation matrix of a rotation vector [rad], by Rodrigues' formula; exact to rounding for every angle.
 inline Eigen::Matrix3d so3_exp(const Eigen::Vector3d& rotation) {
   const Vec3 r = rotation;
   const auto [a, b] = detail::rodrigues(squared_norm(r));
@@ -56,7 +57,7 @@ inline Eigen::Matrix3d so3_exp(const Eigen::Vector3d& rotation) {
 
 /// Rotation vector [rad] of a rotation matrix, its length in [0, pi].
 inline Eigen::Vector3d so3_log(const Eigen::Matrix3d& R) {
-  // Through the quaternion: no loss near 0 and none near pi, where the trace formula has both.
+  // The quaternion is accurate near 0 and near pi; the formula with the trace of R is not.
   const Eigen::Quaterniond q(R);
   const double sign = q.w() < 0 ? -1 : 1, w = sign * q.w();
   const Vec3 v = sign * Vec3(q.x(), q.y(), q.z());
@@ -76,10 +77,10 @@ inline Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
           std::atan2(R(1, 0), R(0, 0))};
 }
 
-/// An angle [rad] moved by whole turns into [-pi, pi].
+/// The equivalent of an angle [rad] in [-pi, pi].
 inline double wrap_angle(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
-/// True if a matrix is a rotation to within rounding, not mirrored, scaled or skewed.
+/// True if a matrix is a rotation: R^T R = I to within 1e-6 in each element, and not mirrored.
 inline bool is_rotation(const Eigen::Matrix3d& R) {
   constexpr double kTolerance = 1e-6;
   const Eigen::Matrix3d square = transposed_product(R, R);
@@ -89,10 +90,10 @@ inline bool is_rotation(const Eigen::Matrix3d& R) {
   return dot(cross(x, y), z) > 0;
 }
 
-// Both work in place, column by column. Through a matrix in between, the processor would load pairs of numbers that
-// were stored one by one, and such a load waits until the stores have reached the cache.
+// The next two functions work in place, column by column. With a temporary matrix, the processor would load pairs of
+// numbers that were stored one by one, and such a load waits until the stores have reached the cache.
 
-/// Turns a frame about its own origin: R becomes so3_exp(r) R.
+/// Rotates a frame about its own origin by the rotation vector r [rad]: R becomes so3_exp(r) R, the translation stays.
 inline void turn(Eigen::Isometry3d& T, Vec3 r) noexcept {
   const auto [a, b] = detail::rodrigues(squared_norm(r));
   for (int i = 0; i < 3; ++i) {
@@ -101,8 +102,8 @@ inline void turn(Eigen::Isometry3d& T, Vec3 r) noexcept {
   }
 }
 
-/// Brings a rotation back to SO(3) that rounding has taken slightly off it: one Newton step of the polar decomposition,
-/// R becomes R (3 I - R^T R) / 2.
+/// Brings the rotation part back to SO(3), from which rounding has taken it slightly: one Newton step of the polar
+/// decomposition, R becomes R (3 I - R^T R) / 2.
 inline void orthonormalize(Eigen::Isometry3d& T) noexcept {
   const Vec3 x = axis(T, 0), y = axis(T, 1), z = axis(T, 2);
   const double xy = dot(x, y), yz = dot(y, z), zx = dot(z, x);

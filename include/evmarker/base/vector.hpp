@@ -1,5 +1,5 @@
 #pragma once
-// Vectors of two and three numbers for the mathematics, and what a rigid motion does to them.
+// Small vectors for computations, and how rigid motions transform them.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
@@ -8,9 +8,9 @@
 
 namespace evmarker {
 
-// Interfaces speak Eigen; inside, every Eigen expression is a type of its own that the compiler has to make, and
-// without optimisation a dozen calls. These are two and three plain numbers: ten times faster to compile, and loops
-// over them become vector instructions.
+// Public interfaces use Eigen types, computations use these. Each Eigen expression is a type of its own that has to be
+// compiled, and a dozen calls without optimisation. Plain numbers compile ten times faster, and the compiler vectorises
+// loops over them.
 
 struct Vec2 {
   double x = 0, y = 0;
@@ -55,7 +55,7 @@ constexpr Vec3 cross(Vec3 a, Vec3 b) noexcept {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-/// A small motion or its rate: translation [m], and rotation [rad] about the origin of what moves.
+/// A small motion: translation t [m] and rotation r [rad] about the origin of what moves; or its rate [m/s; rad/s].
 struct Vec6 {
   Vec3 t, r;
 
@@ -90,7 +90,7 @@ inline void set_translation(Eigen::Isometry3d& T, Vec3 t) noexcept {
   T(1, 3) = t.y;
   T(2, 3) = t.z;
 }
-/// An axis of the frame that a motion leads from, in the frame that it leads to.
+/// Axis `i` of the frame that T maps from, as a vector in the frame that T maps to: column `i` of the rotation.
 inline Vec3 axis(const Eigen::Isometry3d& T, Eigen::Index i) noexcept { return {T(0, i), T(1, i), T(2, i)}; }
 
 inline void set_axis(Eigen::Isometry3d& T, Eigen::Index i, Vec3 v) noexcept {
@@ -99,12 +99,12 @@ inline void set_axis(Eigen::Isometry3d& T, Eigen::Index i, Vec3 v) noexcept {
   T(2, i) = v.z;
 }
 
-/// `T.linear() * v`: a direction.
+/// Transforms a direction: `T.linear() * v`.
 inline Vec3 rotate(const Eigen::Isometry3d& T, Vec3 v) noexcept {
   return {T(0, 0) * v.x + T(0, 1) * v.y + T(0, 2) * v.z, T(1, 0) * v.x + T(1, 1) * v.y + T(1, 2) * v.z,
           T(2, 0) * v.x + T(2, 1) * v.y + T(2, 2) * v.z};
 }
-/// `T * p`: a point.
+/// Transforms a point: `T * p`.
 inline Vec3 transform(const Eigen::Isometry3d& T, Vec3 p) noexcept { return rotate(T, p) + translation(T); }
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// What a tracker requests of a detector, and the detector's result.
+// A tracker's request to a detector, and the detector's result.
 #include <algorithm>
 #include <cstdint>
 #include <optional>
@@ -18,13 +18,14 @@ struct PlacedMarker {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
 };
 
-/// A tracker's request about one frame. A value: the detector may work on it in another thread, later.
+/// A tracker's request about one frame. A self-contained value, which the detector may process later, in another
+/// thread.
 struct DetectionRequest {
   Timestamp t = 0;                        ///< of the frame [us]
-  std::uint64_t events_in_frame = 0;      ///< EventHistory::pushed() at the frame: it has the events before this number
+  std::uint64_t events_in_frame = 0;      ///< EventHistory::pushed() when the frame was taken
   double focal_length = 0;                ///< [px]
-  std::vector<PlacedMarker> unconfirmed;  ///< markers at the poses where they are tracked: are their codes there?
-  std::vector<PlacedMarker> missing;      ///< lost markers at their predicted poses: are they nearby?
+  std::vector<PlacedMarker> unconfirmed;  ///< markers at their tracked poses, for `shows`
+  std::vector<PlacedMarker> missing;      ///< lost markers at their predicted poses, for `search`
 };
 
 /// What a frame shows of a marker that is tracked but not confirmed yet.
@@ -34,17 +35,18 @@ enum class Sighting {
   wrong_tilt  ///< it was detected, without an alternative, at a clearly different tilt
 };
 
+/// What a detector found in the frame of a request.
 struct DetectionResult {
   struct Marker {
     MarkerDetection detection;
     MarkerModel model;
   };
   std::uint64_t events_in_frame = 0;  ///< that of the request
-  std::vector<Marker> markers{};  ///< first those that `detect` found in the frame, then lost ones that `search` found
-  std::size_t detected = 0;       ///< how many of them `detect` found
+  std::vector<Marker> markers{};      ///< first those that `detect` found, then the lost ones that `search` found
+  std::size_t detected = 0;           ///< how many of them `detect` found
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
 
-  /// Those that `detect` found.
+  /// The markers that `detect` found.
   std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
 };
 
@@ -58,8 +60,9 @@ inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d
   return focal_length * norm(a - b) < 0.25 * (diagonal_px(0) + diagonal_px(1));
 }
 
-/// True if a detection without an alternative contradicts the tilt of a tracked pose. Two poses of different tilt may
-/// be only a pixel apart in the image, so that the code is read at both.
+/// True if a detection without an alternative differs from a tracked pose in its rotation, by more than 0.25 rad. That
+/// the code is read at the tracked pose does not exclude this: two poses of different tilt may be only a pixel apart in
+/// the image.
 inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker) noexcept {
   constexpr double kDiffers_rad = 0.25;
   return !detection.T_camera_marker_alternative &&

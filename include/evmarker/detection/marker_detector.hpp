@@ -1,5 +1,5 @@
 #pragma once
-// What finds markers in a frame of last polarities.
+// The concept of a detector that finds markers in a polarity frame.
 #include <Eigen/Geometry>
 #include <array>
 #include <concepts>
@@ -12,19 +12,19 @@
 
 namespace evmarker {
 
-/// A marker found in one frame: the pose from which a tracker starts.
+/// A marker that was found in one frame, with the pose from which a tracker starts.
 struct MarkerDetection {
   MarkerId id = 0;
   Timestamp t = 0;  ///< of the frame [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
-  /// The second solution of a planar pose, mirrored in depth, where it fits nearly as well.
+  /// The second solution for the pose of a planar marker, mirrored in depth, if it fits nearly as well.
   std::optional<Eigen::Isometry3d> T_camera_marker_alternative = std::nullopt;
-  /// In the (distorted) image, from the marker's top left clockwise.
+  /// Corners in the distorted image [px], from the marker's top left clockwise.
   std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
 };
 
-/// Finds markers in a frame and has their models. May be slow and may allocate; must not keep the frame. Optional
-/// functions: see `answer_request`.
+/// A detector finds markers in a frame and returns their models. It may be slow and may allocate; it must not keep the
+/// frame. For its optional functions see `answer_request`.
 template <typename D>
 concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, MarkerId id) {
   { detector.detect(frame) } -> std::ranges::input_range;

@@ -1,5 +1,5 @@
 #pragma once
-// How far estimated poses are from the truth, and how much of the time there are any.
+// Accuracy and coverage of estimated poses against the truth.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
@@ -17,10 +17,10 @@
 
 namespace evmarker {
 
-/// Distance of an estimated pose from the true one.
+/// Error of an estimated pose: distance of the origins [mm], and angle between the orientations [deg].
 struct PoseError {
   double translation_mm = 0;
-  double rotation_deg = 0;  ///< geodesic
+  double rotation_deg = 0;  ///< geodesic angle
 };
 
 inline PoseError pose_error(const Eigen::Isometry3d& estimate, const Eigen::Isometry3d& truth) {
@@ -43,22 +43,24 @@ struct Spread {
   }
 };
 
-/// Compares the poses of one marker with its truth. Only poses in state `tracking` count: they are what a user relies
-/// on.
+/// Compares the poses of one marker with the true ones. Errors and coverage are those of the poses in state `tracking`,
+/// on which users rely.
 class AccuracyMeter {
  public:
-  /// @param slot coverage is the share of slots of this length that hold a `tracking` pose
+  /// @param slot coverage is the share of slots of this length that contain a `tracking` pose
+  /// @throws std::invalid_argument if it is under 1 us
   explicit AccuracyMeter(std::chrono::microseconds slot = std::chrono::milliseconds(10)) : slot_us_(slot.count()) {
     if (slot_us_ < 1) throw std::invalid_argument("accuracy: slot is " + std::to_string(slot_us_) + " us");
   }
 
+  /// Adds a pose and the true T_camera_marker at its time.
   void add(const PoseEstimate& estimate, const Eigen::Isometry3d& truth) {
     if (all_ == 0) first_t_ = estimate.t;
     ++all_;
     if (estimate.quality.state == TrackingState::lost) ++lost_;
     if (estimate.quality.state != TrackingState::tracking) return;
     PoseError error = pose_error(estimate.T_camera_marker, truth);
-    for (double* value : {&error.translation_mm, &error.rotation_deg})  // no number, no way to sort
+    for (double* value : {&error.translation_mm, &error.rotation_deg})  // NaN cannot be sorted
       if (std::isnan(*value)) *value = std::numeric_limits<double>::infinity();
     translation_mm_.push_back(error.translation_mm);
     rotation_deg_.push_back(error.rotation_deg);
@@ -66,15 +68,15 @@ class AccuracyMeter {
     if (estimate.t >= first_t_) slots_.push_back((estimate.t - first_t_) / slot_us_);
   }
 
-  std::size_t poses() const noexcept { return all_; }  ///< in any state
-  std::size_t tracking() const noexcept { return translation_mm_.size(); }
-  std::size_t lost() const noexcept { return lost_; }      ///< times that the marker was lost
-  std::size_t wild() const noexcept { return wild_; }      ///< `tracking`, yet off by more than 50 mm or 20 deg
+  std::size_t poses() const noexcept { return all_; }                       ///< in any state
+  std::size_t tracking() const noexcept { return translation_mm_.size(); }  ///< poses in state `tracking`
+  std::size_t lost() const noexcept { return lost_; }                       ///< how often the marker was lost
+  std::size_t wild() const noexcept { return wild_; }      ///< `tracking` poses with errors above 50 mm or 20 deg
   Timestamp first_t() const noexcept { return first_t_; }  ///< of the first pose in any state [us]
   Spread translation_mm() const { return Spread::of(translation_mm_); }
   Spread rotation_deg() const { return Spread::of(rotation_deg_); }
 
-  /// Share of the slots from the first pose to `end` [us] that hold a `tracking` pose.
+  /// Share of the whole slots from the first pose to `end` [us] that contain a `tracking` pose; 0 if there is no slot.
   double coverage(Timestamp end) const {
     if (all_ == 0 || end < first_t_ + slot_us_) return 0;
     const Timestamp slots = (end - first_t_) / slot_us_;  // whole ones
@@ -90,7 +92,7 @@ class AccuracyMeter {
   Timestamp first_t_ = 0;
   std::size_t all_ = 0, lost_ = 0, wild_ = 0;
   std::vector<double> translation_mm_, rotation_deg_;
-  std::vector<Timestamp> slots_;
+  std::vector<Timestamp> slots_;  // of every `tracking` pose, the number of its slot
 };
 
 }  // namespace evmarker

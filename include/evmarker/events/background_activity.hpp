@@ -1,5 +1,5 @@
 #pragma once
-// How many events per pixel and second a sensor makes without a cause.
+// An estimate of how many events per pixel and second a sensor makes without a cause.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -15,25 +15,27 @@ namespace evmarker {
 /// Measures the rate of background activity [Hz/px] from the ages of events: the time since the last event of the same
 /// pixel or of one of its 8 neighbours.
 ///
-/// Noise of rate r comes at an age over a with a probability of exp(-9 r a), whatever the edges do. So r is not above
-/// n(a) exp(9 r a), where n(a) is the measured rate of events at an age over a. All events together (a = 0) give a
-/// first bound. With it, an age at which even so much noise would not be hidden yet gives a closer one, and so on with
-/// longer ages. With noise alone every bound is r; events of edges, of hot pixels and of bursts leave the count once a
-/// is longer than their ages. Where edges pass so often that they hide the noise, they make ten times as many events as
-/// it does, and its rate does not matter.
+/// Where noise of rate r is all that happens, an event has an age over a with the probability exp(-9 r a). So r is at
+/// most n(a) exp(9 r a), where n(a) is the measured rate of the events with an age over a. The rate of all events,
+/// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as noise at the present bound
+/// would not hide most events of that age. With noise alone every bound equals r; events of edges, hot pixels and
+/// bursts leave the count once a exceeds their ages. Where edges pass so often that they hide the noise, they make ten
+/// times as many events as it does, and its rate does not matter.
 class BackgroundActivity {
  public:
   explicit BackgroundActivity(double pixels) noexcept : hz_per_px_of_one_(1e6 / pixels) {}
 
-  /// Adds a sample: an event now and then, in order of arrival.
-  /// @param age_us time since the last event there or beside it
-  /// @return after how many events the next one is to be added: about one in 0.2 ms is enough
+  /// Adds one event as a sample; not every event is needed, one in about 0.2 ms is enough. Samples come in order of
+  /// arrival, the first after `kEventsAtFirst` events.
+  /// @param age_us time from the last event at this pixel or one of its neighbours to this event
+  /// @param t time of the event [us]
+  /// @return how many events later the next sample is to be added
   std::uint64_t add(std::uint64_t age_us, Timestamp t) noexcept {
-    // Neither a step back nor a jump of the clock is time in which nothing happened.
+    // A step back of the clock does not count as observed time, a jump ahead only with its first second.
     const std::uint64_t passed_us = t > last_t_ && samples_ > 0 ? std::min(elapsed_us(last_t_, t), kLongest_us) : 0;
     observed_us_ += static_cast<double>(passed_us);
     last_t_ = t;
-    // Events before the first one are unknown.
+    // An age cannot be longer than the time observed: what came before the first sample is unknown.
     const std::uint64_t known_us = std::min({age_us, static_cast<std::uint64_t>(observed_us_), kOldest_us});
     by_age_[static_cast<std::size_t>(std::bit_width(known_us / kYoungest_us))] += static_cast<double>(per_sample_);
     if (++samples_ % kSamplesPerEstimate == 0 && observed_us_ > 0) estimate();
@@ -44,25 +46,25 @@ class BackgroundActivity {
     return per_sample_;
   }
 
-  /// As of the last events; 1 Hz/px before there were any.
+  /// The present estimate [Hz/px]; 1 before there was one.
   double hz_per_px() const noexcept { return hz_per_px_; }
 
   /// Number of events before the first sample.
   static constexpr std::uint64_t kEventsAtFirst = 32;
 
  private:
-  static constexpr std::uint64_t kYoungest_us = 64, kOldest_us = kYoungest_us << 10;  // ages that are distinguished
+  static constexpr std::uint64_t kYoungest_us = 64, kOldest_us = kYoungest_us << 10;  // limits of the bins
   static constexpr std::size_t kAges = 12;
   static constexpr std::uint64_t kSamplesPerEstimate = 16;
-  static constexpr std::uint64_t kEnough_us = 200;              // between two samples
+  static constexpr std::uint64_t kEnough_us = 200;              // aimed at between two samples
   static constexpr std::uint64_t kMostPerSample = 1024;         // events
-  static constexpr std::uint64_t kLongest_us = 1000000;         // between two samples
-  static constexpr double kPrior = 1, kPriorSamples = 16;       // [Hz/px], and what that is worth
-  static constexpr double kMemory_us = 200000, kMemory = 1024;  // [us], and samples: the longer of both
+  static constexpr std::uint64_t kLongest_us = 1000000;         // counted at most between two samples
+  static constexpr double kPrior = 1, kPriorSamples = 16;       // [Hz/px], and how many samples it weighs as much as
+  static constexpr double kMemory_us = 200000, kMemory = 1024;  // [us] and samples: whichever reaches farther back
 
   void estimate() noexcept {
-    // Of events at an age over `age_us`, in the time in which that could be known. One sample more: there may be some
-    // where none was seen.
+    // Rate of the `older` events, those with an age over `age_us`: over the time in which such an age could be seen,
+    // and with one sample more than was seen, as a rate may be above 0 where no event was seen.
     const auto rate_of = [&](double older, double age_us) {
       return (older + static_cast<double>(per_sample_)) * hz_per_px_of_one_ / (observed_us_ - age_us);
     };
@@ -85,10 +87,10 @@ class BackgroundActivity {
     remembered_ /= 2;
   }
 
-  double hz_per_px_of_one_;  // rate of one event in a microsecond [Hz/px]
-  std::array<double, kAges> by_age_{};
+  double hz_per_px_of_one_;             // the rate [Hz/px] that one event per microsecond is
+  std::array<double, kAges> by_age_{};  // events, by the bins of their ages
   double observed_us_ = 0;
-  double remembered_ = 0;  // samples
+  double remembered_ = 0;  // samples, the forgotten ones taken off
   std::uint64_t samples_ = 0, per_sample_ = kEventsAtFirst;
   Timestamp last_t_ = 0;
   double hz_per_px_ = kPrior;

@@ -1,5 +1,5 @@
 #pragma once
-// Events: one brightness change at one pixel, as cameras and other libraries deliver them.
+// Events, and how the library reads the event types of cameras and of other libraries.
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -10,7 +10,7 @@ namespace evmarker {
 /// Camera time [us].
 using Timestamp = std::int64_t;
 
-/// Time from `from` to a later `to` [us], right for any two times.
+/// Time from `from` to `to` [us], which must not be earlier; correct for any two such times, without overflow.
 constexpr std::uint64_t elapsed_us(Timestamp from, Timestamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
 }
@@ -35,7 +35,7 @@ struct Event {
   constexpr bool operator==(const Event&) const = default;
 };
 
-/// 1 ON, -1 OFF.
+/// Polarity of an event as a number: 1 ON, -1 OFF.
 // Without a branch, which would be mispredicted for every other event.
 inline double polarity(const Event& event) noexcept { return std::copysign(1.0, event.p - 0.5); }
 
@@ -83,8 +83,8 @@ concept EventLike = requires(const E& e) {
   { EventTraits<E>::t(e) } -> std::same_as<Timestamp>;
 };
 
-/// The library's own event from any event-like one. A coordinate that 16 bits cannot hold becomes 65535, which is off
-/// every sensor and counted as such by whoever receives it.
+/// Converts any event-like type to `Event`. A coordinate that 16 bits cannot hold becomes 65535, which is off every
+/// sensor, so that trackers discard the event and count it.
 template <EventLike E>
 constexpr Event to_event(const E& e) noexcept {
   if constexpr (std::same_as<E, Event>) {

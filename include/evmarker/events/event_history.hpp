@@ -1,5 +1,5 @@
 #pragma once
-// A ring of recent events: replayed after a detection, and backwards for verification.
+// A ring buffer of recent events, for replay after a detection and backwards for verification.
 #include <bit>
 #include <cstdint>
 #include <stdexcept>
@@ -9,18 +9,19 @@
 
 namespace evmarker {
 
-/// The last events, oldest first; a full ring forgets the oldest. Never allocates after construction, except when
-/// assigned from a ring of another capacity.
+/// A ring buffer of the last events, oldest first; where it is full, a new event replaces the oldest. Never allocates
+/// after construction, except when assigned from a history of another capacity.
 class EventHistory {
  public:
   /// @param capacity number of events kept, rounded up to a power of two
+  /// @throws std::invalid_argument if it is 0
   explicit EventHistory(std::size_t capacity) {
     if (capacity == 0) throw std::invalid_argument("event history: capacity is 0");
     ring_.resize(std::bit_ceil(capacity));
     mask_ = ring_.size() - 1;
   }
 
-  // By members: an event that is in registers need not be written down to be copied as a whole.
+  // Member by member: copied as a whole, an event that is in registers would have to go through memory.
   void push(const Event& event) noexcept {
     Event& place = ring_[pushed_++ & mask_];
     place.x = event.x;
@@ -29,22 +30,23 @@ class EventHistory {
     place.t = event.t;
     size_ += size_ <= mask_;
   }
+  /// Forgets all events; `pushed()` stays.
   void clear() noexcept { size_ = 0; }
 
   std::size_t capacity() const noexcept { return mask_ + 1; }
   std::size_t size() const noexcept { return size_; }
   bool full() const noexcept { return size_ > mask_; }
 
-  /// Event `i`, 0 the oldest that is kept.
+  /// Event `i` of those that are kept, 0 the oldest; requires i < size().
   const Event& operator[](std::size_t i) const noexcept { return ring_[(pushed_ - size() + i) & mask_]; }
 
-  /// How many events were ever pushed: a position in the stream to come back to.
+  /// How many events have been pushed since construction: the present position in the stream, see `reaches` and `at`.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
-  /// True if every event pushed since `pushed()` was `position` is still kept.
+  /// True if every event pushed since `pushed()` was `position` is kept.
   bool reaches(std::uint64_t position) const noexcept { return position >= pushed_ - size(); }
 
-  /// The event that was pushed when `pushed()` was `position`, if it is still kept.
+  /// The event that was pushed when `pushed()` was `position`; it must be kept, see `reaches`.
   const Event& at(std::uint64_t position) const noexcept { return ring_[position & mask_]; }
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// Where events come from and what lets them through: the concepts at the library's entrance.
+// Concepts of event sources and event filters, and loops over their events.
 #include <array>
 #include <concepts>
 #include <cstddef>
@@ -10,8 +10,8 @@
 
 namespace evmarker {
 
-/// A recording, a camera or a simulation that is pulled batch by batch. `next_batch()` blocks until events are there;
-/// the span stays valid until the next call; an empty span is the end.
+/// A recording, a camera or a simulation that is read batch by batch. `next_batch()` blocks until there are events and
+/// returns a span that stays valid until the next call; an empty span is the end.
 template <typename S>
 concept EventSource = requires(S& source, const S& constant) {
   typename S::event_type;
@@ -20,13 +20,13 @@ concept EventSource = requires(S& source, const S& constant) {
   { source.next_batch() } -> std::convertible_to<std::span<const typename S::event_type>>;
 };
 
-/// Decides event by event, in order of arrival, which events go on.
+/// A filter: `accept(event)`, called with all events in order of arrival, returns true for those to keep.
 template <typename F>
 concept EventFilter = requires(F& filter, const Event& event) {
   { filter.accept(event) } -> std::same_as<bool>;
 };
 
-/// The filter that lets every event through.
+/// The filter that accepts every event.
 struct AcceptAll {
   constexpr bool accept(const Event&) noexcept { return true; }
 };
@@ -38,8 +38,8 @@ void for_each_event(Source& source, Use&& use) {
     for (const auto& event : batch) use(event);
 }
 
-/// Calls `use(block)` with spans of `Event` that together are all events of a range, in order. Blocks of a few hundred,
-/// copied; a range that is a span of `Event` is one block.
+/// Calls `use(block)` with spans of `Event` that together are all events of a range, in order. A contiguous range of
+/// `Event` is a single block; events of other ranges are converted and copied in blocks of up to 256.
 template <std::ranges::input_range Events, std::invocable<std::span<const Event>> Use>
 requires EventLike<std::ranges::range_value_t<Events>>
 void for_each_block(const Events& events, const Use& use) {

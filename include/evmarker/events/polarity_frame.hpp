@@ -1,5 +1,5 @@
 #pragma once
-// The frame of last polarities: the image for frame-based marker detection.
+// The frame of last polarities, as the image for frame-based marker detection.
 #include <cstdint>
 #include <span>
 #include <stdexcept>
@@ -10,14 +10,15 @@
 
 namespace evmarker {
 
-/// An 8-bit image, row by row, of the last polarity at every pixel: bright after ON, dark after OFF, grey where nothing
-/// happened yet; and when that was.
+/// An 8-bit image, row by row, of the last polarity at every pixel: bright after ON, dark after OFF, grey before the
+/// first event. It also has the time of each pixel's last event.
 class PolarityFrame {
  public:
   static constexpr std::uint8_t kOff = 0;
   static constexpr std::uint8_t kUntouched = 128;
   static constexpr std::uint8_t kOn = 255;
 
+  /// @throws std::invalid_argument if a side is not positive
   explicit PolarityFrame(SensorSize size) : size_(size) {
     if (size.width < 1 || size.height < 1)
       throw std::invalid_argument("polarity frame: sensor size is " + std::to_string(size.width) + " x " +
@@ -26,7 +27,7 @@ class PolarityFrame {
     times_.resize(pixels_.size());
   }
 
-  /// Takes one event; the caller has checked that it lies on the sensor.
+  /// Takes one event, which must lie on the sensor.
   void update(const Event& event) noexcept {
     const std::size_t i = static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
     pixels_[i] = event.p > 0 ? kOn : kOff;
@@ -36,7 +37,7 @@ class PolarityFrame {
 
   SensorSize sensor_size() const noexcept { return size_; }
   std::span<const std::uint8_t> pixels() const noexcept { return pixels_; }
-  /// The low 32 bits of the time of the last event at every pixel [us]; 0 where nothing happened yet.
+  /// The low 32 bits of the time of the last event at every pixel [us], row by row; 0 before the first one.
   std::span<const std::uint32_t> times() const noexcept { return times_; }
   /// Time of the last event in the frame [us].
   Timestamp t() const noexcept { return t_; }

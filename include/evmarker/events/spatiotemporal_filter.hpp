@@ -13,24 +13,25 @@
 
 namespace evmarker {
 
-/// Value of the window: the filter then chooses its window by the measured background activity.
+/// The value of a window with which the filter sets its window by the measured background activity.
 inline constexpr std::chrono::microseconds kAutomaticWindow{0};
 /// The window of the paper's filter.
 inline constexpr std::chrono::microseconds kPaperWindow{2000};
 
-/// Lets an event through if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
+/// Accepts an event if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
 /// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
-/// not support itself. The paper's preprocessing, with 2000 us.
+/// not support itself. With a window of 2000 us this is the paper's preprocessing.
 ///
-/// A fixed window sets the slowest edge that passes: the neighbouring pixels along its path fire within the time in
-/// which the edge moves by a pixel. The automatic window is 0.01 / r, where r [Hz/px] is the background activity
-/// measured so far: of the noise, 1 - exp(-8 r window), one event in thirteen, passes. It is at most 50 ms, which lets
-/// edges from 20 px/s on through; with a longer one, the times of an edge that passed long ago would support noise. It
-/// is at least 0.5 ms, reached at 20 Hz/px; with a shorter one, edges slower than 2000 px/s would pass only by chance.
+/// A fixed window sets the slowest edge whose events are accepted: neighbouring pixels along its path fire one after
+/// the other, as far apart in time as the edge needs for a pixel. The automatic window is 0.01 / r, where r [Hz/px] is
+/// the background activity measured so far: a share of 1 - exp(-8 r window) of the noise, one event in thirteen, is
+/// accepted. It is at most 50 ms, enough for edges from 20 px/s on; with a longer one, the events of an edge that
+/// passed long ago would support noise. It is at least 0.5 ms, reached at 20 Hz/px; with a shorter one, events of edges
+/// slower than 2000 px/s would be accepted only by chance.
 class SpatiotemporalFilter {
  public:
-  /// @param window `kAutomaticWindow`, or fixed
-  /// @throws std::invalid_argument if the window is not in [0, 8 minutes]
+  /// @param window `kAutomaticWindow`, or a fixed one of up to 8 minutes
+  /// @throws std::invalid_argument if the window is out of range or a side of the sensor is not positive
   explicit SpatiotemporalFilter(SensorSize size, std::chrono::microseconds window = kAutomaticWindow)
       : stride_(static_cast<std::size_t>(size.width) + 2),
         window_(static_cast<std::uint32_t>(window.count())),
@@ -47,16 +48,16 @@ class SpatiotemporalFilter {
     }
   }
 
-  /// True if the event, which must lie on the sensor, has support.
+  /// Takes an event, which must lie on the sensor. Returns true if a neighbour supports it.
   bool accept(const Event& event) noexcept {
-    if (distance(event.t, swept_at_) > kSweepInterval) [[unlikely]]
+    if (distance_us(event.t, swept_at_) > kSweepInterval) [[unlikely]]
       sweep(event.t);
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t* const pixel = &last_[index(event)];
     const auto recent = [&](const std::uint32_t* neighbour) {
       return static_cast<unsigned>(now - *neighbour + window_ <= 2 * window_);  // |now - neighbour| <= window
     };
-    // Without branches: all eight, since which of them is recent cannot be predicted.
+    // All eight without a branch: the processor could not predict which of them are recent.
     const unsigned supported = recent(pixel - stride_ - 1) | recent(pixel - stride_) | recent(pixel - stride_ + 1) |
                                recent(pixel - 1) | recent(pixel + 1) |  //
                                recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
@@ -66,7 +67,7 @@ class SpatiotemporalFilter {
     return supported != 0;
   }
 
-  /// As of the last event.
+  /// The present window [us]; the automatic one changes with the background activity.
   std::chrono::microseconds window() const noexcept { return std::chrono::microseconds(window_); }
 
   /// Prefetches the memory that `accept` will read for this event, which must lie on the sensor.
@@ -76,30 +77,31 @@ class SpatiotemporalFilter {
   }
 
  private:
-  // Only the low 32 bits of a time are kept; they repeat after 71 minutes. So that old times never look recent again, a
+  // Only the low 32 bits of a time are kept; they repeat after 71 minutes. So that old times never seem recent again, a
   // sweep sets all times outside of the window to 2^31 us (36 min) from now, whenever time has moved by more than
   // kSweepInterval (18 min) since the last one. If time has moved by kSweepInterval + window at once, no stored time
   // can be within the window, and all are set. Both need 2 window < kSweepInterval: the window is limited to 8 min.
-  static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;
-  static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;
+  static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;  // [us]
+  static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;        // [us], as far as 32 bits can be from a time
 
-  static constexpr std::uint64_t distance(Timestamp a, Timestamp b) noexcept {
+  static constexpr std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     const auto ua = static_cast<std::uint64_t>(a), ub = static_cast<std::uint64_t>(b);
     return a > b ? ua - ub : ub - ua;
   }
 
   std::size_t index(const Event& event) const noexcept { return (event.y + std::size_t{1}) * stride_ + event.x + 1; }
 
+  // Keeps times that are older than the window from seeming recent later, see above.
   void sweep(Timestamp t) noexcept {
     const auto now = static_cast<std::uint32_t>(t);
-    const bool all_stale = distance(t, swept_at_) > kSweepInterval + window_;  // also before the first event
+    const bool all_stale = distance_us(t, swept_at_) > kSweepInterval + window_;  // also before the first event
     for (std::uint32_t& last : last_)
       if (all_stale || now - last + window_ > 2 * window_) last = now + kFarSide;
     swept_at_ = t;
   }
 
-  // Gives the estimator the time to the last event at this pixel or a neighbour (its absolute value, as times may step
-  // back), and adapts the window.
+  // Adds a sample to the estimator of background activity, the age of this event, and adapts the window. The age is an
+  // absolute value, as times may step back.
   [[gnu::noinline]] void sample_background_activity(const Event& event, const std::uint32_t* pixel) noexcept {
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t age = kFarSide;
@@ -115,11 +117,12 @@ class SpatiotemporalFilter {
         std::clamp(1e6 * kNoiseEventsPerWindow / activity_.hz_per_px(), kLeast_us, kMost_us));
   }
 
-  std::size_t stride_;              // sensor width + 2: a border without events saves the neighbours' bounds checks
-  std::uint32_t window_;            // [us]
-  std::uint64_t until_sample_ = 0;  // events; with a fixed window it wraps from 0 to 2^64 - 1: none is ever due
+  std::size_t stride_;    // sensor width + 2: a border without events saves the neighbours' bounds checks
+  std::uint32_t window_;  // [us]
+  // Events until the next sample; with a fixed window it wraps from 0 to 2^64 - 1, and no sample is ever due.
+  std::uint64_t until_sample_ = 0;
   BackgroundActivity activity_;
-  std::vector<std::uint32_t> last_;
+  std::vector<std::uint32_t> last_;  // low 32 bits of the time of each pixel's last event [us]
   Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;
 };
 

@@ -1,5 +1,5 @@
 #pragma once
-// Single events with a wrong time are faults of transmission: found before they do harm.
+// Finds single events whose time is wrong, by a fault of transmission, before they do harm.
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -11,20 +11,23 @@ namespace evmarker {
 
 /// Finds the events whose time neither the event before nor the one after confirms.
 ///
-/// An event that is far in time from the one before, later or earlier, is held back until the next one comes. It was
-/// right if that one is nearer to it in time than to the event before, as after a rest or a restart of the camera; else
-/// it is discarded. Nothing waits for more than one event. The very first event of all cannot be judged.
+/// An event that is far in time from the one before, later or earlier, is held back until the next one comes. If that
+/// one is nearer in time to the held event than to the event before it, as after a rest or a restart of the camera, the
+/// held event is released; else it is discarded. No event waits for more than one other. The very first event always
+/// passes.
 class TimeGuard {
  public:
-  /// The disorder of drivers is less, and so is what an edge needs for a pixel at 2000 px/s [us].
+  /// Times at most this far apart confirm each other [us]. Drivers deliver events less out of order than this, and an
+  /// edge at 2000 px/s moves by one pixel in it.
   static constexpr std::uint64_t kNear_us = 500;
 
   enum class Verdict {
     pass,    ///< to be taken now
     hold,    ///< kept here until the next event comes
-    release  ///< `held()` is to be taken now, and this event to be judged again after that
+    release  ///< `held()` is to be taken now; then this event is to be judged again
   };
 
+  /// Judges the next event of the stream; see Verdict for what the caller has to do with it.
   Verdict judge(const Event& event) noexcept {
     if (!passes(event.t)) [[unlikely]]
       return judge_carefully(event);
@@ -32,40 +35,42 @@ class TimeGuard {
     return Verdict::pass;
   }
 
-  /// True if an event at this time would pass, and no other before it.
+  /// True if an event at this time would pass without a held event being released or discarded.
   bool passes(Timestamp t) const noexcept { return elapsed_us(last_t_, t) + kNear_us < end_us_; }
-  /// How many of some events pass before the first one that does not.
+  /// How many events of a batch would pass before the first one that would not. To be followed by `passed` for those
+  /// that are taken.
   std::size_t passing(std::span<const Event> events) const noexcept {
     if (events.empty() || !passes(events.front().t)) return 0;
     std::size_t count = 1;
     while (count < events.size() && near(events[count - 1].t, events[count].t)) ++count;
     return count;
   }
-  /// Events that were found `passing` have been taken, the last one at this time.
+  /// Reports that events counted by `passing` have been taken, without `judge`; the last of them at this time.
   void passed(Timestamp last) noexcept { last_t_ = last; }
 
-  /// The event that is held back, or was.
+  /// The event that is held back, or that was held back last.
   const Event& held() const noexcept { return held_; }
-  /// True if an event is held back that one at this time confirms.
+  /// True if an event is held back and one at this time would release it.
   bool releases(Timestamp t) const noexcept { return holding_ && distance_us(held_.t, t) < distance_us(last_t_, t); }
 
-  /// Time of the event that is taken next if one at this time comes: of that one or of one that was held back; null if
-  /// this one is to be held back itself.
+  /// Time of the event that is taken first when an event at time t comes: of the held one if it is released, else t;
+  /// null if the new event would be held back.
   std::optional<Timestamp> next_t(Timestamp t) const noexcept {
     if (releases(t)) return held_.t;
     return !started_ || near(last_t_, t) ? std::optional(t) : std::nullopt;
   }
 
-  /// Goes on at another time, events being missing. One that is held back is discarded.
+  /// Continues at another time after a gap in the events. A held event is discarded.
   void restart(Timestamp t) noexcept {
     faults_ += holding_;
     follow(t);
   }
 
-  /// Events that were discarded.
+  /// How many events were discarded.
   std::uint64_t faults() const noexcept { return faults_; }
 
  private:
+  // True if |t - last| <= kNear_us.
   static bool near(Timestamp last, Timestamp t) noexcept { return elapsed_us(last, t) + kNear_us < 2 * kNear_us + 1; }
   static std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     return a < b ? elapsed_us(a, b) : elapsed_us(b, a);
@@ -87,6 +92,7 @@ class TimeGuard {
     return Verdict::hold;
   }
 
+  // Sets the time that the next events are compared with; no event is held any more.
   void follow(Timestamp t) noexcept {
     last_t_ = t;
     started_ = true;
@@ -95,7 +101,7 @@ class TimeGuard {
   }
 
   Timestamp last_t_ = 0;
-  std::uint64_t end_us_ = 0;  // no time passes at first and while an event is held back
+  std::uint64_t end_us_ = 0;  // bound in `passes`: 0, so that no time passes, at first and while an event is held back
   bool started_ = false, holding_ = false;
   Event held_;
   std::uint64_t faults_ = 0;

@@ -1,10 +1,10 @@
 #pragma once
-// A level change at one of the camera's trigger inputs.
+// Trigger events: level changes at the camera's trigger inputs.
 #include "evmarker/events/event.hpp"
 
 namespace evmarker {
 
-/// An external signal, for example of a motion capture system, on the camera's clock.
+/// A level change of an external signal, for example of a motion capture system, timed by the camera's clock.
 struct TriggerEvent {
   int id = 0;           ///< input, 0..31 in EVT2, 0..15 in EVT3
   bool rising = false;  ///< the level after the change

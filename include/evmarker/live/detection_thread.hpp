@@ -1,5 +1,5 @@
 #pragma once
-// A detector on threads of its own.
+// Runs a marker detector on threads of its own.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <chrono>
@@ -16,79 +16,81 @@
 
 namespace evmarker::live {
 
-/// Detects markers in polarity frames while tracking goes on. A request costs the tracking thread nothing: the detector
-/// has a frame of its own, and gets the events since its last one. One detection at a time; those that may wait are on
-/// a thread that runs where a processor is free.
+/// Detects markers in polarity frames while tracking goes on. A request costs the tracking thread next to nothing: the
+/// detector has a frame of its own, which is brought up to date with the events since the last request. There is one
+/// detection at a time; one that may wait runs on a thread that only uses free processors. All functions are for the
+/// tracking thread.
 template <MarkerDetector Detector>
 class DetectionThread {
  public:
   struct Outcome {
     DetectionResult result;
-    std::exception_ptr error;  ///< what the detector threw instead
-    Clock::duration duration{};
+    std::exception_ptr error;    ///< what the detector threw; then `result` is void
+    Clock::duration duration{};  ///< from the request to the end of the detection
   };
 
-  /// @param detector used by these threads alone as long as they run
-  /// @param max_events kept between requests; if there are more, the whole frame is copied
-  /// @param when_idle true if requests may wait at all, see `run_this_thread_when_idle`
+  /// @param detector must outlive this object; meanwhile it is used by its threads alone
+  /// @param max_events kept between two requests; if there are more, the request copies the whole frame
+  /// @param when_idle whether requests that may wait are left to a thread with `run_this_thread_when_idle`
   DetectionThread(Detector& detector, SensorSize size, std::size_t max_events, bool when_idle)
       : detector_(detector),
         max_events_(max_events),
         frame_(size),
         job_{{}, {}, PolarityFrame(size), false, Clock::now(), {}},
-        idle_is_served_(when_idle) {
+        use_idle_worker_(when_idle) {
     new_events_.reserve(max_events);
     job_.events.reserve(max_events);
-    soon_.thread = std::thread([this] {
+    prompt_worker_.thread = std::thread([this] {
       lower_priority_of_this_thread();
-      work(soon_);
+      work(prompt_worker_);
     });
     if (when_idle)
-      idle_.thread = std::thread([this] {
+      idle_worker_.thread = std::thread([this] {
         run_this_thread_when_idle();
-        work(idle_);
+        work(idle_worker_);
       });
   }
 
   DetectionThread(const DetectionThread&) = delete;
   DetectionThread& operator=(const DetectionThread&) = delete;
 
-  /// Waits for the end of the detection that is going on.
+  /// Waits for the end of a detection that is going on.
   ~DetectionThread() {
-    for (Worker* worker : {&soon_, &idle_}) {
+    for (Worker* worker : {&prompt_worker_, &idle_worker_}) {
       if (!worker->thread.joinable()) continue;
       worker->jobs.wait_enqueue(nullptr);
       worker->thread.join();
     }
   }
 
-  /// Takes an event that is in the next frame.
+  /// Adds an event to the frame of the next request.
   void add(const Event& event) {
     if (new_events_.size() < max_events_)
       new_events_.push_back(event);
     else
-      too_many_ = true;
+      overflowed_ = true;
   }
 
-  /// Starts a detection in the frame of all events added. There must have been an outcome of the one before.
-  /// @param may_wait true if tracking comes first
+  /// Starts a detection. The outcome of the one before must have been received.
+  /// @param frame that of all events added
+  /// @param may_wait whether the detection may wait for a free processor
   void start(DetectionRequest request, const PolarityFrame& frame, bool may_wait) {
     job_.request = std::move(request);
     std::swap(job_.events, new_events_);
     new_events_.clear();
-    job_.whole = std::exchange(too_many_, false);
-    if (job_.whole) job_.frame = frame;
-    job_.since = Clock::now();
-    (may_wait && idle_is_served_ ? idle_ : soon_).jobs.wait_enqueue(&job_);
+    job_.frame_is_copied = std::exchange(overflowed_, false);
+    if (job_.frame_is_copied) job_.frame = frame;
+    job_.requested = Clock::now();
+    (may_wait && use_idle_worker_ ? idle_worker_ : prompt_worker_).jobs.wait_enqueue(&job_);
   }
 
-  /// The outcome of the last request, valid until the next one; null if it is not there in time.
-  const Outcome* outcome(std::chrono::microseconds timeout) {
+  /// Receives the outcome of the last request, valid until the next one; null if it does not come within the timeout.
+  const Outcome* receive_outcome(std::chrono::microseconds timeout) {
     Job* job = nullptr;
     const bool done = timeout.count() > 0 ? done_.wait_dequeue_timed(job, timeout) : done_.try_dequeue(job);
     if (!done) return nullptr;
-    // Other programs keep all processors busy: from now on the detector takes its share.
-    if (job->outcome.duration > kStarved) idle_is_served_ = false;
+    // So slow: other programs keep all processors busy. From now on the detector does not wait for a free one.
+    if (job->outcome.duration > kStarved) use_idle_worker_ = false;
     return &job->outcome;
   }
 
@@ -97,8 +99,8 @@ class DetectionThread {
     DetectionRequest request;
     std::vector<Event> events;
     PolarityFrame frame;
-    bool whole;  // `frame` is complete, `events` are not
-    Clock::time_point since;
+    bool frame_is_copied;  // `frame` is to be used: there were more events than `events` holds
+    Clock::time_point requested;
     Outcome outcome;
   };
 
@@ -109,12 +111,13 @@ class DetectionThread {
 
   static constexpr std::chrono::milliseconds kStarved{200};
 
+  // The detector's threads: does the jobs of a worker until one is null.
   void work(Worker& worker) {
     for (Job* job = nullptr;;) {
       worker.jobs.wait_dequeue(job);
       if (job == nullptr) return;
       job->outcome.error = nullptr;
-      if (job->whole)
+      if (job->frame_is_copied)
         std::swap(frame_, job->frame);
       else
         for (const Event& event : job->events) frame_.update(event);
@@ -123,20 +126,20 @@ class DetectionThread {
       } catch (...) {
         job->outcome.error = std::current_exception();
       }
-      job->outcome.duration = Clock::now() - job->since;
+      job->outcome.duration = Clock::now() - job->requested;
       done_.wait_enqueue(job);
     }
   }
 
   Detector& detector_;
   std::size_t max_events_;
-  PolarityFrame frame_;            // of the last request
-  std::vector<Event> new_events_;  // since then
-  bool too_many_ = false;
-  Job job_;  // belongs to one side at a time
-  bool idle_is_served_;
+  PolarityFrame frame_;            // the detector's own, as of the last request
+  std::vector<Event> new_events_;  // since the last request
+  bool overflowed_ = false;
+  Job job_;  // used by the detector's threads from `start` to its outcome, else by the tracking thread
+  bool use_idle_worker_;
   moodycamel::BlockingReaderWriterCircularBuffer<Job*> done_{2};
-  Worker soon_, idle_;
+  Worker prompt_worker_, idle_worker_;
 };
 
 }  // namespace evmarker::live

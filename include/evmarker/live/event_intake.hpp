@@ -1,5 +1,5 @@
 #pragma once
-// The bounded queue between a camera's thread and the tracking thread, and what happens where it is full.
+// The bounded queue between a camera's thread and the tracking thread, and its policies where it is full.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <algorithm>
@@ -28,21 +28,22 @@ using Clock = std::chrono::steady_clock;
 /// What to do with events that come faster than they are tracked. Whatever is dropped is counted.
 enum class OverloadPolicy {
   block,        ///< `push` waits: for files, which can wait and must not lose anything
-  drop_oldest,  ///< the oldest in the queue make room: the poses stay recent, with gaps in between
-  thin          ///< the fuller the queue, the fewer are kept, evenly spread: poses all the time, from fewer events
+  drop_oldest,  ///< the oldest events in the queue are dropped: poses stay recent, with gaps in between
+  thin  ///< the fuller the queue, the fewer events are kept, evenly spread: poses without gaps, from fewer events
 };
 
-/// Some events that were pushed together.
+/// Up to 256 events that were pushed together.
 struct EventBlock {
   static constexpr std::size_t kCapacity = 256;
-  Clock::time_point pushed;
-  std::uint64_t number = 0;      // of all since the start
-  bool follows_dropped = false;  // some that would have come before it were not taken in
+  Clock::time_point pushed;      ///< when
+  std::uint64_t number = 0;      ///< of the block, counted from 1 since the start
+  bool follows_dropped = false;  ///< events pushed right before it were dropped, as the queue had no room
   std::size_t size = 0;
   std::array<Event, kCapacity> events;
 
   std::span<const Event> span() const noexcept { return {events.data(), size}; }
-  /// Times of its first and last events, but not of one that has a neighbour and is far from it: a wrong one [us].
+  /// Times of the first and the last event [us]. Where that is far from its neighbour's, it is taken for wrong, and the
+  /// neighbour's is returned.
   Timestamp first_t() const noexcept { return size > 1 && apart(0, 1) ? events[1].t : events[0].t; }
   Timestamp last_t() const noexcept {
     return size > 1 && apart(size - 2, size - 1) ? events[size - 2].t : events[size - 1].t;
@@ -55,11 +56,13 @@ struct EventBlock {
   }
 };
 
-/// Any threads push, one takes. All memory is allocated in the constructor.
+/// A queue into which any threads push and from which one takes. All memory is allocated in the constructor. It is
+/// closed at first.
 class EventIntake {
  public:
-  /// @param capacity events in the queue at most; pushes of less than a block's events take the place of a block
-  /// @param gap camera time without events that counts as one
+  /// @param capacity most events in the queue; a push of less than a block's 256 events takes the room of a block
+  /// @param gap camera time without events that counts as a gap
+  /// @throws std::invalid_argument if the capacity is less than four blocks or the gap is not positive
   EventIntake(std::size_t capacity, OverloadPolicy policy, std::chrono::microseconds gap)
       : policy_(policy),
         gap_us_(static_cast<std::uint64_t>(gap.count())),
@@ -74,10 +77,10 @@ class EventIntake {
     for (EventBlock& block : blocks_) free_.try_enqueue(&block);
   }
 
-  /// Takes in events, in order. Waits only with the policy `block`. All are dropped while closed.
+  /// Takes in events, in order. Waits only with the policy `block`. While closed, drops all.
   template <EventLike E>
   void push(std::span<const E> events) {
-    if (!open_) {  // without the lock, so that nobody keeps `clear` waiting
+    if (!open_) {  // without the lock, so that `clear` does not have to wait
       refused_ += events.size();
       return;
     }
@@ -95,14 +98,15 @@ class EventIntake {
       if (block->size > 0) {
         block->number = ++last_block_;
         block->follows_dropped = std::exchange(dropping_, false);
-        full_.try_enqueue(block);  // has room for all blocks that there are
+        full_.try_enqueue(block);  // cannot fail: it has room for all blocks
       } else {
         spare_ = block;
       }
     }
   }
 
-  /// Takes in a trigger event, between the events pushed before and after it. Waits only with the policy `block`.
+  /// Takes in a trigger event, between the events pushed before and after it. Where there is no room, waits with the
+  /// policy `block`, else drops it. While closed, drops it.
   void push(const TriggerEvent& trigger) {
     const std::lock_guard lock(push_mutex_);
     ++triggers_pushed_;
@@ -114,16 +118,17 @@ class EventIntake {
     ++triggers_dropped_;
   }
 
-  /// The next events, or nothing in time. To be given back.
+  /// Takes the next block of events; null if none comes within the timeout. The block must be given back.
   EventBlock* take(std::chrono::microseconds timeout) {
     EventBlock* block = nullptr;
     const std::lock_guard lock(take_mutex_);
     return full_.wait_dequeue_timed(block, timeout) ? block : nullptr;
   }
 
+  /// Returns a block that was taken.
   void give_back(EventBlock* block) { free_.try_enqueue(block); }
 
-  /// The next trigger event that stands before the block of this number.
+  /// Takes the next trigger event if it was pushed before the block of this number.
   std::optional<TriggerEvent> take_trigger(std::uint64_t block_number) {
     if (!next_trigger_) {
       PlacedTrigger next;
@@ -134,7 +139,7 @@ class EventIntake {
     return std::exchange(next_trigger_, std::nullopt)->trigger;
   }
 
-  /// Begins anew, counters at zero, with nobody taking.
+  /// Opens the queue and sets all counters to zero. No thread may be taking.
   void open() {
     const std::lock_guard lock(push_mutex_);
     pushed_ = dropped_ = refused_ = time_steps_back_ = time_gaps_ = triggers_pushed_ = triggers_dropped_ = 0;
@@ -143,10 +148,10 @@ class EventIntake {
     open_ = true;
   }
 
-  /// Drops what comes from now on. A `push` that waits returns within 10 ms.
+  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms.
   void close() noexcept { open_ = false; }
 
-  /// Drops what is in the queue, with nobody taking.
+  /// Drops what is in the queue. No thread may be taking.
   void clear() {
     const std::lock_guard lock(push_mutex_);
     while (EventBlock* const block = take(std::chrono::microseconds(0))) {
@@ -156,6 +161,7 @@ class EventIntake {
     while (take_trigger(std::numeric_limits<std::uint64_t>::max())) ++triggers_dropped_;
   }
 
+  /// Counts events as dropped, also those of a block that the taker did not use.
   void count_dropped(std::size_t events) noexcept { dropped_ += events; }
 
   std::uint64_t pushed() const noexcept { return pushed_ + refused_; }
@@ -170,12 +176,12 @@ class EventIntake {
  private:
   struct PlacedTrigger {
     TriggerEvent trigger;
-    std::uint64_t after_block = 0;
+    std::uint64_t after_block = 0;  // number of the last block pushed before it
   };
   using Queue = moodycamel::BlockingReaderWriterCircularBuffer<EventBlock*>;
-  static constexpr std::size_t kTriggers = 4096;  // in the queue at most
+  static constexpr std::size_t kTriggers = 4096;  // most in the queue
 
-  // Room for events, made as the policy says, or nothing.
+  // An empty block; if there is none, makes room as the policy says. Null if the events are to be dropped.
   EventBlock* free_block() {
     if (spare_ != nullptr) return std::exchange(spare_, nullptr);
     EventBlock* block = nullptr;
@@ -185,7 +191,8 @@ class EventIntake {
         if (free_.wait_dequeue_timed(block, std::chrono::milliseconds(5))) return block;
         continue;
       }
-      // The queue is for one taker at a time; it is full here, so that the other one does not wait in it.
+      // Only one thread may take from the queue at a time. The lock is soon free: the queue is full, so that the
+      // tracking thread does not wait for events while it holds it.
       const std::lock_guard lock(take_mutex_);
       if (!full_.try_dequeue(block)) continue;
       count_dropped(block->size);
@@ -194,7 +201,7 @@ class EventIntake {
     return block;
   }
 
-  // Returns what did not find room.
+  // Fills a block with events, thinned as the policy says. Returns those that did not fit.
   template <EventLike E>
   std::span<const E> fill(EventBlock& block, std::span<const E> events) {
     const double share = policy_ == OverloadPolicy::thin ? share_to_keep() : 1;
@@ -212,13 +219,13 @@ class EventIntake {
     return events.subspan(i);
   }
 
-  // All while less than a quarter of the queue is full, none when all of it is.
+  // The share of events that thinning keeps: all up to a quarter of the queue, none when it is full.
   double share_to_keep() const noexcept {
     const double full = static_cast<double>(full_.size_approx()) / static_cast<double>(blocks_.size());
     return std::clamp((1 - full) / 0.75, 0.0, 1.0);
   }
 
-  // A block's worth at a time: there may be room again after it.
+  // Drops up to a block of events, after which there may be room again. Returns the others.
   template <EventLike E>
   std::span<const E> drop(std::span<const E> events) {
     const std::size_t count = std::min(events.size(), EventBlock::kCapacity);
@@ -242,16 +249,16 @@ class EventIntake {
   Queue free_;  // from the taker to the pusher
   Queue full_;  // from the pusher to the taker
   moodycamel::BlockingReaderWriterCircularBuffer<PlacedTrigger> triggers_;
-  std::optional<PlacedTrigger> next_trigger_;  // of the taker
+  std::optional<PlacedTrigger> next_trigger_;  // taken from the queue, but not yet due; used by the taker
   std::mutex push_mutex_, take_mutex_;
-  EventBlock* spare_ = nullptr;
+  EventBlock* spare_ = nullptr;  // an empty block that thinning left unused
   std::uint64_t last_block_ = 0;
-  bool dropping_ = false;  // all events since the last block
-  double thinning_ = 0;    // shares of events that are owed to the queue
-  bool any_ = false;
+  bool dropping_ = false;  // events were dropped since the last block
+  double thinning_ = 0;    // sum of the shares to keep, less the events kept
+  bool any_ = false;       // an event was pushed: last_t_ is known
   std::atomic<bool> open_{false};
-  // An event is counted as pushed before it is anything else. Those refused while closed are pushed and dropped at
-  // once.
+  // An event is counted as pushed before it is counted as anything else. Events refused while closed count as both
+  // pushed and dropped.
   std::atomic<std::uint64_t> pushed_{0}, dropped_{0}, refused_{0}, time_steps_back_{0}, time_gaps_{0},
       triggers_pushed_{0}, triggers_dropped_{0};
   std::atomic<Timestamp> last_t_{0};

@@ -1,5 +1,5 @@
 #pragma once
-// How long things took, counted so that percentiles are known at any time.
+// A histogram of durations, with percentiles at any time.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -11,19 +11,19 @@
 
 namespace evmarker::live {
 
-/// Percentiles of a duration [us], each at most 4 % too high; all 0 if there was none.
+/// Percentiles of durations [us], each at most 4 %, or 1 ns, too high; all 0 if there were no durations.
 struct Latency {
-  std::uint64_t count = 0;
+  std::uint64_t count = 0;  ///< number of durations
   double p50_us = 0;
   double p90_us = 0;
   double p99_us = 0;
   double max_us = 0;  ///< exact
 };
 
-/// Counts durations from 1 ns to hours in bins of equal ratio. One thread adds, any may read meanwhile.
+/// Counts durations from 1 ns to hours, in 32 bins of equal width per octave. One thread adds while any may read.
 class LatencyHistogram {
  public:
-  static constexpr int kBinsPerOctave = 32;  // 32 of equal width between a power of two and the next
+  static constexpr int kBinsPerOctave = 32;  // an octave reaches from a power of two to the next [ns]
   static constexpr std::size_t kBins = 43 * kBinsPerOctave;
 
   void add(std::chrono::nanoseconds duration) noexcept {
@@ -47,7 +47,7 @@ class LatencyHistogram {
     return latency;
   }
 
-  /// How many there were between two durations, to the width of a bin.
+  /// How many durations were between `low` and `high` [us], to the width of a bin.
   std::uint64_t between_us(double low, double high) const noexcept {
     std::uint64_t sum = 0;
     for (std::size_t i = 0; i < kBins; ++i)
@@ -63,7 +63,7 @@ class LatencyHistogram {
     return static_cast<std::size_t>(std::min<std::uint64_t>(place, kBins - 1));
   }
 
-  // The first duration beyond the bin.
+  // The upper limit of a bin [us].
   static double upper_us(std::size_t bin) noexcept {
     if (bin < kBinsPerOctave) return static_cast<double>(bin + 1) * 1e-3;
     const auto shift = static_cast<int>(bin / kBinsPerOctave) - 1;

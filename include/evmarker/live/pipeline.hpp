@@ -1,5 +1,5 @@
 #pragma once
-// From a camera's events to poses, on threads.
+// Tracks markers in a camera's events, on threads of its own.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -28,16 +28,16 @@
 namespace evmarker::live {
 
 /// Tracks markers in the events that a camera's thread pushes: a `Tracker` on a thread of its own, with its detector on
-/// others. Every member may be called from any thread, but not `start`, `stop` and `flush` from a callback. All
-/// callbacks are called from the tracking thread, one at a time; while one runs, nothing is tracked.
+/// others. All functions may be called from any thread, but `start`, `stop` and `flush` not from a callback. All
+/// callbacks are called on the tracking thread, one at a time; while one runs, nothing is tracked.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Pipeline {
  public:
   using Settings = PipelineSettings<Rule>;
   using PoseCallback = std::function<void(const PoseEstimate&)>;
 
-  /// Starts at once.
-  /// @param on_pose called with every pose, in order
+  /// Starts tracking at once.
+  /// @param on_pose called with every pose, in the order in which they arise
   /// @throws std::invalid_argument naming the setting that is out of range
   template <CameraModel Camera>
   Pipeline(const Camera& camera, Detector detector, PoseCallback on_pose, const Settings& settings = {})
@@ -62,8 +62,8 @@ class Pipeline {
   Pipeline& operator=(const Pipeline&) = delete;
   ~Pipeline() { halt(); }
 
-  /// Takes in events in the order of camera time. The events of one call stay together; calls of several threads are
-  /// not merged by time. All are dropped, and counted, while the pipeline is stopped.
+  /// Takes in events, in order of camera time. The events of one call stay together; calls of several threads are not
+  /// merged by time. While the pipeline is stopped, all are dropped and counted.
   template <std::ranges::contiguous_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events) { intake_.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
@@ -72,11 +72,11 @@ class Pipeline {
     intake_.push(std::span<const E>(begin, end));
   }
 
-  /// Takes in a trigger event, after the events before it and before those after it. The queue holds
-  /// 4096. When it is full, more are dropped and counted; with the policy `block`, `push` waits instead.
+  /// Takes in a trigger event, between the events pushed before and after it. The queue holds 4096 trigger events. When
+  /// it is full, more are dropped and counted; with the policy `block`, `push` waits instead.
   void push(const TriggerEvent& trigger) { intake_.push(trigger); }
 
-  /// Begins anew after `stop`: counters at zero, no marker known.
+  /// Starts again after `stop`, with all counters at zero and without markers. Does nothing while the pipeline runs.
   void start() {
     const std::lock_guard control(control_);
     if (thread_.joinable()) return;
@@ -92,10 +92,10 @@ class Pipeline {
     thread_ = std::thread([this] { run(); });
   }
 
-  /// Returns within 100 ms, or later, when a callback or a detection that is still running has returned. Events still
-  /// in the queue are dropped, and counted: `flush` first to have them tracked.
-  /// @throws std::logic_error in a callback (a pipeline that is destroyed in one ends the program)
-  /// @throws what the callback or the detector threw first since the start
+  /// Stops tracking, within 100 ms; if a callback or a detection is still running, when that has returned. Events still
+  /// in the queue are dropped and counted; to have them tracked, call `flush` first.
+  /// @throws std::logic_error when called from a callback (a pipeline that is destroyed in one ends the program)
+  /// @throws the first exception that a callback or the detector threw since the start
   void stop() {
     const std::lock_guard control(control_);
     halt();
@@ -111,6 +111,7 @@ class Pipeline {
   /// Switches the detector on or off; without it, markers that are tracked stay so until they are lost.
   void set_detection(bool on) noexcept { detection_on_ = on; }
 
+  /// Counters, markers and latencies since the last start.
   Status status() const {
     Status status = published_.status(intake_);
     status.push_to_pose = push_to_pose_.summary();
@@ -119,17 +120,18 @@ class Pipeline {
     return status;
   }
 
-  /// From a pose's event being pushed to its delivery.
+  /// Latencies from the `push` of a pose's last event to the pose's delivery.
   const LatencyHistogram& latency() const noexcept { return push_to_pose_; }
 
-  /// Every tracked marker's pose at a camera time, by the velocity of a rule that estimates it: for a controller, at
-  /// its own rate, whether events come or not. Its covariance grows with its age, `t - quality.updated_t`. A marker
-  /// that has been tracked beyond t is given as it is.
+  /// Every tracked marker's pose at a camera time, predicted by a rule that estimates the velocity: for a controller,
+  /// at its own rate, whether events come or not. The covariance grows with the pose's age, `t - quality.updated_t`. If
+  /// the last pose is of a later time than t, it is returned as it is.
   std::vector<PoseEstimate> poses_at(Timestamp t) const { return published_.poses_at(t); }
 
  private:
-  static constexpr std::chrono::milliseconds kPatience{5};  // between two checks whether to stop
+  static constexpr std::chrono::milliseconds kPatience{5};  // longest wait before the next check whether to stop
 
+  // Stops the threads, if they run.
   void halt() {
     if (!thread_.joinable()) return;
     if (thread_.get_id() == std::this_thread::get_id())
@@ -178,13 +180,14 @@ class Pipeline {
     if (!settings_.wait_for_detector) core_->catch_up(EventBlock::kCapacity, deliver_untimed());
   }
 
+  // Tracks the events of a block, with the ticks, detections and results that are due between them.
   void track(const EventBlock& block) {
     queue_wait_.add(Clock::now() - block.pushed);
     clock_.begin(block);
     for (std::span<const Event> left = block.span(); !left.empty();) {
       if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
       if (const auto next = core_->next_t(left.front())) deliver_ticks(*next, *next);
-      std::optional<Timestamp> due;  // to start a detection, or to wait for its result
+      std::optional<Timestamp> due;  // when to start a detection, or to wait for its result
       const auto feed_detector = [&](const Event& event) {
         detection_thread_->add(event);
         if (should_detect(event.t) || should_wait_for_result(event.t)) due = event.t;
@@ -204,10 +207,10 @@ class Pipeline {
   bool should_detect(Timestamp t) const { return detection_on_ && core_->detection_due(t); }
   bool should_wait_for_result(Timestamp t) const { return settings_.wait_for_detector && core_->result_due(t); }
 
-  // Hands the result of the detection that is going on to the tracker, if it is there in time.
+  // Hands the result of the detection that is going on to the tracker, if it comes within the timeout.
   template <typename Deliver>
   void receive_detection(std::chrono::microseconds timeout, const Deliver& deliver) {
-    const auto* const outcome = core_->result_pending() ? detection_thread_->outcome(timeout) : nullptr;
+    const auto* const outcome = core_->result_pending() ? detection_thread_->receive_outcome(timeout) : nullptr;
     if (outcome == nullptr) return;
     detection_time_.add(outcome->duration);
     try {
@@ -238,7 +241,7 @@ class Pipeline {
   void deliver_ticks(Timestamp now, Timestamp pushed_until) {
     if (!settings_.on_tick) return;
     while (!stopping_) {
-      const auto t = clock_.due(now);
+      const auto t = clock_.take_due(now);
       if (!t) return;
       ticks_.clear();
       for (const auto& marker : core_->markers())
@@ -248,6 +251,7 @@ class Pipeline {
     }
   }
 
+  // Delivers the trigger events that were pushed before the block of this number.
   void deliver_triggers(std::uint64_t block_number) {
     while (!stopping_) {
       const auto trigger = intake_.take_trigger(block_number);
@@ -257,6 +261,7 @@ class Pipeline {
     }
   }
 
+  // Calls a callback, if there is one, and keeps what it throws.
   template <typename Callback, typename... Arguments>
   void call(const Callback& callback, const Arguments&... arguments) {
     if (!callback) return;
@@ -270,23 +275,23 @@ class Pipeline {
   Settings settings_;
   Detector detector_;
   PoseCallback on_pose_;
-  const TrackerCore<Rule, Filter> initial_core_;  // as it is at every start
+  const TrackerCore<Rule, Filter> initial_core_;  // copied at every start
   EventIntake intake_;
   const TickClock initial_clock_;
   LatencyHistogram push_to_pose_, queue_wait_, detection_time_;
   std::atomic<bool> stopping_{false}, detection_on_{true};
 
-  std::mutex control_;  // of start and stop, guards thread_
+  std::mutex control_;  // held by `start` and `stop`, guards thread_
   std::thread thread_;
   PublishedState<Rule> published_;
 
-  // While it runs, of the tracking thread alone:
+  // Used by the tracking thread alone while it runs:
   std::optional<TrackerCore<Rule, Filter>> core_;
   std::optional<DetectionThread<Detector>> detection_thread_;
   Delivered delivered_;
   std::uint64_t last_block_ = 0;
   TickClock clock_;
-  std::vector<PoseEstimate> ticks_;  // of one tick
+  std::vector<PoseEstimate> ticks_;  // poses of one tick
 };
 
 }  // namespace evmarker::live

@@ -1,5 +1,5 @@
 #pragma once
-// The state of the tracking thread for other threads.
+// The state of the tracking thread, published for other threads.
 #include <cstdint>
 #include <exception>
 #include <mutex>
@@ -13,16 +13,16 @@
 
 namespace evmarker::live {
 
-/// What the tracking thread has handed to callbacks.
+/// How many poses, ticks and trigger events the tracking thread has delivered to callbacks.
 struct Delivered {
   std::uint64_t poses = 0, ticks = 0, triggers = 0;
 };
 
-/// The last published state. Any thread may read it.
+/// The state of the tracking thread when it was last published. All functions may be called from any thread.
 template <PoseUpdateRule Rule>
 class PublishedState {
  public:
-  /// Begins anew, together with the counters of the intake.
+  /// Resets everything for a start, and opens the intake, which resets its counters.
   void start(EventIntake& intake) {
     const std::lock_guard lock(mutex_);
     intake.open();
@@ -34,12 +34,14 @@ class PublishedState {
     markers_.clear();
   }
 
+  /// Marks the pipeline as stopped, without markers; counters and errors stay.
   void stop() {
     const std::lock_guard lock(mutex_);
     status_.running = false;
     markers_.clear();
   }
 
+  /// Publishes the present state of the tracker.
   template <EventFilter Filter>
   void publish(const TrackerCore<Rule, Filter>& core, const Delivered& delivered) {
     const TrackerStatistics& tracker = core.statistics();
@@ -64,8 +66,8 @@ class PublishedState {
     for (const auto& marker : core.markers()) markers_.push_back({marker.estimate(), marker.follower().rule()});
   }
 
-  /// The exception that is being handled.
-  /// @param counter of its kind
+  /// Counts the exception that is being handled, and keeps the first one.
+  /// @param counter the member of Status that counts exceptions of its kind
   void keep_error(std::uint64_t Status::*counter) {
     const std::lock_guard lock(mutex_);
     ++(status_.*counter);
@@ -80,13 +82,13 @@ class PublishedState {
     }
   }
 
-  /// The first exception that was kept; only once.
+  /// Returns the exception that was kept, and forgets it; null if there is none.
   std::exception_ptr take_error() {
     const std::lock_guard lock(mutex_);
     return std::exchange(first_error_, nullptr);
   }
 
-  /// All counters and markers, no latencies.
+  /// All counters and markers, without the latencies.
   Status status(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
     Status status = counters(intake);
@@ -95,7 +97,8 @@ class PublishedState {
     return status;
   }
 
-  /// True while the pipeline runs and has events or triggers that are neither taken nor dropped.
+  /// True while the pipeline runs and has events that were neither tracked nor dropped, or triggers that were neither
+  /// delivered nor dropped.
   bool busy(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
     const std::uint64_t dropped = intake.dropped(), triggers_dropped = intake.triggers_dropped();
@@ -103,24 +106,26 @@ class PublishedState {
            (intake.pushed() > taken_ + dropped || intake.triggers_pushed() > triggers_taken_ + triggers_dropped);
   }
 
-  std::vector<PoseEstimate> poses_at(Timestamp now) const {
+  /// See Pipeline::poses_at.
+  std::vector<PoseEstimate> poses_at(Timestamp t) const {
     std::vector<Tracked> markers;
     {
       const std::lock_guard lock(mutex_);
       markers = markers_;
     }
     std::vector<PoseEstimate> poses;
-    for (const auto& [pose, rule] : markers) poses.push_back(now > pose.t ? extrapolated(pose, rule, now) : pose);
+    for (const auto& [pose, rule] : markers) poses.push_back(t > pose.t ? extrapolated(pose, rule, t) : pose);
     return poses;
   }
 
  private:
   struct Tracked {
     PoseEstimate estimate;
-    Rule rule;
+    Rule rule;  // predicts the pose
   };
 
-  // Read in the order in which an event goes from one counter to the next, backwards: so no difference is negative.
+  // The counters as one consistent set. An event moves on from counter to counter while they are read. They are read in
+  // the opposite order, the number of pushed events last, so that no difference is negative.
   Status counters(const EventIntake& intake) const {
     Status status = status_;
     status.dropped = intake.dropped();
@@ -137,9 +142,9 @@ class PublishedState {
   }
 
   mutable std::mutex mutex_;
-  Status status_;            // what the tracking thread counts
-  std::uint64_t taken_ = 0;  // events that the tracker was given
-  Timestamp last_t_ = 0;     // of these
+  Status status_;            // counters of the tracking thread
+  std::uint64_t taken_ = 0;  // events that the tracker has taken
+  Timestamp last_t_ = 0;     // of the last one [us]
   std::uint64_t triggers_taken_ = 0;
   std::exception_ptr first_error_;
   std::vector<Tracked> markers_;

@@ -1,5 +1,5 @@
 #pragma once
-// What may wait gives way to what must not.
+// Scheduling of the threads: those that may wait give way to those that must not.
 #ifdef __linux__
 #include <sched.h>
 #include <sys/resource.h>
@@ -10,26 +10,26 @@
 
 namespace evmarker::live {
 
-/// Lets other threads run first where there are more than processors, on Linux; elsewhere it does nothing. Threads that
-/// this one starts inherit it.
+/// Lowers this thread's priority, so that others run first where there are more threads than processors. Has an effect
+/// on Linux only. Threads that this one starts inherit it.
 inline void lower_priority_of_this_thread() noexcept {
 #ifdef __linux__
   constexpr int kNicer = 10;
-  setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kNicer);  // again this thread's
+  setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kNicer);  // on Linux, 0 is this thread only
 #endif
 }
 
-/// Leaves the processors to everything else that wants to run, on Linux; elsewhere it does nothing. Under it a thread
-/// that wakes up need not wait for this one at all. Threads that this one starts inherit it, and there is no way back.
+/// Lets this thread run only on processors that nothing else needs; a thread that wakes up never waits for it. Has an
+/// effect on Linux only. Threads that this one starts inherit it, and it cannot be undone.
 inline void run_this_thread_when_idle() noexcept {
 #ifdef __linux__
   const sched_param parameters{};
-  sched_setscheduler(0, SCHED_IDLE, &parameters);  // Linux has a policy for each thread: this one's
+  sched_setscheduler(0, SCHED_IDLE, &parameters);  // on Linux, 0 is this thread only
 #endif
 }
 
-/// Asks for short turns on a processor that come soon, in place of long ones that come late, where Linux (6.12 or
-/// later) shares it out; a thread with a real-time priority keeps it. Elsewhere it does nothing.
+/// Requests short time slices that come soon instead of long ones that come late. Has an effect on Linux 6.12 or later
+/// only, and not on a thread with a real-time priority.
 inline void shorten_turns_of_this_thread() noexcept {
 #if defined(__linux__) && defined(SYS_sched_setattr)
   if (sched_getscheduler(0) != SCHED_OTHER) return;

@@ -1,5 +1,5 @@
 #pragma once
-// A matched event with its edge's geometry: one, or eight in lanes.
+// Matched events with the geometry of their edges, single and in batches of eight.
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
@@ -24,8 +24,8 @@ struct Correspondence {
   Eigen::Vector3d E = Eigen::Vector3d::Zero();  ///< point on the segment, Eq. (4)
 };
 
-/// Up to eight events matched at one pose: what `Correspondence` says of each, in lanes, toward the dark side of its
-/// edge. Lanes from `count` on are finite and mean nothing.
+/// Up to eight events matched at one pose, with one array for each component of their `Correspondence`. Normals point
+/// to the dark sides of the edges, which must be known. Lanes from `count` on are finite, but mean nothing.
 struct alignas(64) Correspondences {
   simd::Lanes t;              ///< [us]
   simd::Lanes polarity;       ///< 1 ON, -1 OFF, 0 unknown
@@ -34,9 +34,10 @@ struct alignas(64) Correspondences {
   simd::Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
   simd::Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
   simd::Lanes g_x, g_y, g_z;  ///< derivative by E of the place of E's image along the edge's normal [px/m]
-  simd::Lanes is_event;       ///< 1, and 0 from `count` on
+  simd::Lanes is_event;       ///< 1 for events, 0 in the lanes from `count` on
   std::size_t count = 0;
 
+  /// Sets `count`, at most eight, and `is_event`.
   void set_count(std::size_t events) noexcept {
     static constexpr std::array<double, 2 * simd::kLanes> kOnes{1, 1, 1, 1, 1, 1, 1, 1};
     count = events;
@@ -44,9 +45,10 @@ struct alignas(64) Correspondences {
   }
 };
 
-/// How far behind a moving edge its events lie [px]: a pixel fires only when a whole step of the contrast has been
-/// passed, so on average half a step late.
-/// @param events_per_px2 that one pixel makes while the edge passes over it
+/// How far behind a moving edge its events lie [px]: a pixel fires only after a whole contrast step, so on average half
+/// a step late.
+/// @param edge_width_px width of the blurred edge
+/// @param events_per_px2 how many events one pixel makes while the edge passes over it
 inline double expected_trail_px(double edge_width_px, double events_per_px2) noexcept {
   return edge_width_px / (2 * events_per_px2);
 }

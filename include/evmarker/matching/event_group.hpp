@@ -1,5 +1,5 @@
 #pragma once
-// Some events as one array for each component, for loops that become vector instructions.
+// A group of events with one array for each component, for loops that the compiler vectorises.
 #include <array>
 #include <cstddef>
 
@@ -9,19 +9,19 @@
 
 namespace evmarker {
 
-/// Some events by their lines of sight (x, y; 1), times and polarities, followed by ones that mean nothing: whole lanes
-/// may be read from any of them on.
+/// A group of events: lines of sight (x, y; 1), times and polarities. Eight more lines of sight, which mean nothing,
+/// follow the last one, so that eight may be read from any event on.
 class EventGroup {
  public:
-  static constexpr std::size_t kMost = 8 * simd::kLanes;
+  static constexpr std::size_t kMost = 8 * simd::kLanes;  ///< events
   template <typename Number>
   using Numbers = std::array<Number, kMost + simd::kLanes>;
 
-  // Not initialised: that would take as long as a fifth of the matching.
+  // The arrays are not initialised: that would take a fifth as long as the matching.
   EventGroup() noexcept {}
 
-  /// Takes `count` events, the first of them with number 0. `event(i)` is the line of sight, the time and the polarity
-  /// (1 ON, -1 OFF, 0 unknown) of one.
+  /// Replaces the group by `count` events, at most kMost. `event(i)` returns the line of sight, the time [us] and the
+  /// polarity (1 ON, -1 OFF, 0 unknown) of event i, counted from 0.
   template <typename EventOf>
   [[gnu::always_inline]] void fill(std::size_t count, const EventOf& event) noexcept {
     count_ = count;

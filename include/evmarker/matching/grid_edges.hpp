@@ -13,32 +13,33 @@
 
 namespace evmarker {
 
-/// What lies on every line of a code marker's grid of cells. Grid coordinates are counted in cells from the
-/// marker's top left corner: x (coordinate 0) to the right, y (coordinate 1) down. A line of coordinate 0 is vertical.
-/// Copies share the table.
+/// The edges of a code marker on the lines of its grid of cells. Grid coordinates are counted in cells from the
+/// marker's top left corner: x (coordinate 0) to the right, y (coordinate 1) down. A line of coordinate i is one on
+/// which coordinate i is constant: those of coordinate 0 are vertical. Copies share the table.
 class GridEdges {
  public:
   /// The piece of a line beside one cell.
   struct Edge {
-    std::int16_t segment = -1;        ///< the segment of the model that it is part of, -1 where there is no edge
-    std::int16_t dark = 0;            ///< +1 if the side of larger coordinate is the dark one, -1 the other, 0 no edge
+    std::int16_t segment = -1;        ///< the segment of the model that contains the piece, -1 where there is no edge
+    std::int16_t dark = 0;            ///< +1 if the side of larger coordinate is dark, -1 the other one, 0 no edge
     std::int16_t begin = 0, end = 0;  ///< where that segment begins and ends on the line [cells]
   };
 
-  /// A stretch of a line of which one answer holds: within one cell, or around a grid point.
+  /// A stretch of a line on which the edge is the same: beside one cell, or around a grid point.
   struct alignas(64) Stretch {
-    // The squared distance to the edge here is that to the line, but at least `at_least` and, if that is known at all,
-    // at most the greater of that and `at_most`: (0, 0) beside an edge, (inf, inf) where there is none, (0, inf) around
-    // a point where an edge ends.
+    // Bounds on the squared distance of an event to the nearest edge of this stretch, by its squared distance to the
+    // line: it is at least the larger of that and `at_least`, and at most the larger of that and `at_most`. (0, 0) on
+    // an edge: it is the distance to the line. (inf, inf): no edge. (0, inf) around a point where an edge ends:
+    // unknown.
     double at_least = kNever, at_most = kNever;
-    double line = 0;                            ///< that it is on
+    double line = 0;                            ///< number of the line
     double begin = 0, end = 0;                  ///< as in Edge
     double dark = 0;                            ///< as in Edge
-    std::int32_t coordinate = 0, segment = -1;  ///< of the line, and as in Edge
+    std::int32_t coordinate = 0, segment = -1;  ///< coordinate of the line; segment as in Edge
   };
 
-  /// Nothing for a wireframe that does not lie, without overlaps and with known dark sides, on the lines of a grid
-  /// of `model.cells` by `model.cells` cells.
+  /// The edges of a wireframe that lies, without overlaps and with known dark sides, on the lines of a grid of
+  /// `model.cells` by `model.cells` cells; nothing for any other wireframe.
   static std::optional<GridEdges> of(const MarkerModel& model) {
     GridEdges grid;
     if (model.cells < 1 || model.cells > 1000) return std::nullopt;
@@ -48,7 +49,7 @@ class GridEdges {
     grid.cell_length_m_ = 2 * half_length / model.cells;
     std::vector<Edge> edges(2 * static_cast<std::size_t>((model.cells + 1) * (model.cells + 2)));
     for (std::size_t i = 0; i < model.segments.size(); ++i)
-      if (!grid.add(model, i, edges)) return std::nullopt;
+      if (!grid.add_segment(model, i, edges)) return std::nullopt;
     grid.edges_ = std::make_shared<const std::vector<Edge>>(std::move(edges));
     grid.stretches_ = std::make_shared<const std::vector<Stretch>>(grid.all_stretches());
     return grid;
@@ -58,17 +59,18 @@ class GridEdges {
   int cells() const noexcept { return cells_; }
   double cell_length_m() const noexcept { return cell_length_m_; }
 
+  /// The piece of a line beside a cell.
   /// @param line 0 to cells()
   /// @param cell along the line, -1 to cells(): beyond the ends of the line there is no edge
   const Edge& edge(std::size_t coordinate, int line, int cell) const noexcept {
     return (*edges_)[index(coordinate, line, cell)];
   }
 
-  /// All stretches, by lines: of a line there are `stretches_of_line()`, beginning with that of cell -1, then around
-  /// point 0, cell 0, around point 1 and so on.
+  /// All stretches, ordered by coordinate and line. Each line has `stretches_of_line()`: beside cell -1, around point
+  /// 0, beside cell 0, around point 1, and so on to cell cells().
   const Stretch* stretches() const noexcept { return stretches_->data(); }
   int stretches_of_line() const noexcept { return 2 * cells_ + 3; }
-  /// Of the line's piece beside a cell.
+  /// The stretch of a line beside a cell, -1 to cells().
   const Stretch& stretch(std::size_t coordinate, int line, int cell) const noexcept {
     return stretches()[(static_cast<int>(coordinate) * (cells_ + 1) + line) * stretches_of_line() + 2 * (cell + 1)];
   }
@@ -99,13 +101,14 @@ class GridEdges {
            static_cast<std::size_t>(cell + 1);
   }
 
-  bool add(const MarkerModel& model, std::size_t i, std::vector<Edge>& edges) const {
+  // Writes segment i of a model into a table of edges. Returns false if it does not lie on the grid.
+  bool add_segment(const MarkerModel& model, std::size_t i, std::vector<Edge>& edges) const {
     const MarkerSegment& segment = model.segments[i];
-    const auto from = place(model.vertices[static_cast<std::size_t>(segment.from)]);
-    const auto to = place(model.vertices[static_cast<std::size_t>(segment.to)]);
+    const auto from = grid_point(model.vertices[static_cast<std::size_t>(segment.from)]);
+    const auto to = grid_point(model.vertices[static_cast<std::size_t>(segment.to)]);
     if (!from || !to || i > INT16_MAX) return false;
     const Eigen::Vector3d& normal = segment.face_normal;
-    if (normal.x() != 0 || normal.y() != 0 || normal.z() < 0) return false;  // not what the front shows
+    if (normal.x() != 0 || normal.y() != 0 || normal.z() < 0) return false;  // not on the front
     const std::size_t along = (*from)[0] == (*to)[0] ? 1 : 0, across = 1 - along;
     if ((*from)[across] != (*to)[across]) return false;
     // Grid y runs down, the marker's up.
@@ -122,8 +125,8 @@ class GridEdges {
     return begin < end;
   }
 
-  // Grid coordinates of a vertex, if it lies on a grid point.
-  std::optional<std::array<int, 2>> place(const Eigen::Vector3d& vertex) const {
+  // Grid coordinates of a vertex; nothing if it does not lie on a grid point.
+  std::optional<std::array<int, 2>> grid_point(const Eigen::Vector3d& vertex) const {
     const double x = vertex.x() / cell_length_m_ + cells_ / 2.0, y = cells_ / 2.0 - vertex.y() / cell_length_m_;
     const bool on_point = vertex.z() == 0 && std::abs(x - std::round(x)) < 1e-9 && std::abs(y - std::round(y)) < 1e-9;
     if (!on_point || std::min(x, y) < -0.5 || std::max(x, y) > cells_ + 0.5) return std::nullopt;

@@ -1,5 +1,5 @@
 #pragma once
-// The lines of a code marker's grid that are nearest to many events at once.
+// Finds the lines of a code marker's grid that are nearest to many events at once.
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -9,24 +9,25 @@
 
 namespace evmarker {
 
-/// The vertical and the horizontal line of a grid that are nearest to each of some events.
+/// For each of many events, the nearest vertical (element 0) and horizontal (element 1) line of a grid.
 struct NearestLines {
   static constexpr std::size_t kMost = 5 * simd::kLanes;
   using Numbers = std::array<double, kMost>;
-  alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, squared distance
-  alignas(64) std::array<Numbers, 2> place;  ///< of the foot: twice its cell; around a grid point, once each of both
-  alignas(64) Numbers within;                ///< 1 if the event is so near to the marker, else 0
-  alignas(64) Numbers exists;                ///< 1 if both feet are before the horizon, else 0
+  alignas(64) std::array<Numbers, 2> k, squared;  ///< number of the line, and squared distance to it [tangent^2]
+  alignas(64) std::array<Numbers, 2> place;       ///< of the foot: 2 c in cell c, a + b around the point of cells a, b
+  alignas(64) Numbers within;                     ///< 1 if the event is on the marker or its fringe, else 0
+  alignas(64) Numbers exists;                     ///< 1 if the feet on both lines are in front of the camera, else 0
 };
 
-/// Batch version of `ProjectedGrid::nearest_lines`: of `count` events from `first` on.
-/// @param fringe cells around the marker that still count as within
-/// @param margin of a cell that counts as around a grid point
+/// Batch version of `ProjectedGrid::nearest_lines`, for `count` events from `first` on, at most NearestLines::kMost. It
+/// works in whole lanes; results from `count` on mean nothing.
+/// @param fringe width of the fringe around the marker [cells]
+/// @param margin how far from a grid point a foot counts as around it [cells]
 [[gnu::always_inline]] inline void nearest_lines(const ProjectedGrid& grid, double fringe, double margin,
                                                  const EventGroup& events, std::size_t first, std::size_t count,
                                                  NearestLines& lines) noexcept {
   constexpr double kRounding = ProjectedGrid::kRounding;
-  // Copies: the compiler cannot know that the results are not written over the originals.
+  // Copies: the compiler cannot know that writing the results leaves the originals as they are.
   const double cells = grid.cells(), centre = cells / 2, reach = centre + fringe;
   const double before = 0.5 - margin, behind = 0.5 + margin;
   const Vec3 row_w = grid.row_w(), row_x = grid.row(0), row_y = grid.row(1);

@@ -1,5 +1,5 @@
 #pragma once
-// Code markers with known places on one rigid body: one wireframe, one pose.
+// Boards: code markers with known places on one rigid body, tracked as one wireframe with one pose.
 #include <Eigen/Geometry>
 #include <stdexcept>
 #include <string>
@@ -19,13 +19,14 @@ struct BoardMarker {
   Eigen::Isometry3d T_board_marker = Eigen::Isometry3d::Identity();
 };
 
-/// Markers that move as one: on a plate, or on the faces of a convex body.
+/// Markers that move together: on a plate, or on the faces of a convex body.
 struct Board {
-  MarkerId id = 0;  ///< of the pose of the whole; no marker outside of the board may have it
+  MarkerId id = 0;  ///< of the board's poses; no marker that is not on the board may have it
   std::vector<BoardMarker> markers;
 };
 
-/// Rejects a board that cannot be tracked, with an error that names marker and value.
+/// Checks that a board has markers, each once, with rigid transforms.
+/// @throws std::invalid_argument naming the board, the marker and the fault
 inline void validate(const Board& board) {
   const std::string name = "board " + std::to_string(board.id);
   if (board.markers.empty()) throw std::invalid_argument(name + " has no markers");
@@ -41,9 +42,9 @@ inline void validate(const Board& board) {
   }
 }
 
-/// All edges of all markers of a board, in the board's frame. Each is seen from the front of its marker only, so that
-/// on a convex body no hidden edge matches.
-/// @throws std::invalid_argument naming the board's or marker's fault
+/// The wireframe of a board: all edges of all its markers, in the board's frame. Each edge is visible from the front of
+/// its marker only, so that on a convex body no hidden edge matches.
+/// @throws std::invalid_argument naming the fault of the board or of a marker
 inline MarkerModel make_board_model(const Board& board) {
   validate(board);
   MarkerModel model;

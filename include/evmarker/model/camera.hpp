@@ -1,5 +1,5 @@
 #pragma once
-// Camera models: from a point in space to a pixel and from a pixel to its line of sight.
+// Camera models: projection of points to pixels, and lines of sight of pixels.
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
@@ -16,20 +16,21 @@
 
 namespace evmarker {
 
-/// A calibrated camera; x right, y down, z forward; pixel (0, 0) is the centre of the top-left pixel.
+/// A calibrated camera. Its frame has x right, y down, z forward; pixel (0, 0) is the centre of the top-left pixel.
 template <typename C>
 concept CameraModel = requires(const C& camera, const Eigen::Vector3d& point, const Eigen::Vector2d& pixel) {
   { camera.sensor_size() } -> std::same_as<SensorSize>;
-  /// Pixels per unit of tangent near the optical axis: turns an angle into a distance in the image.
+  /// Focal length [px]: pixels per unit of tangent near the optical axis.
   { camera.focal_length() } -> std::convertible_to<double>;
-  /// Pixel (distorted) of a point [m, camera frame] in front of the camera.
+  /// Distorted pixel of a point [m, camera frame] in front of the camera.
   { camera.project(point) } -> std::convertible_to<Eigen::Vector2d>;
-  /// Eq. (2): M = K^-1 (u; 1) of a (distorted) pixel, with z = 1; NaN where the lens model has no inverse.
+  /// Line of sight M of a distorted pixel, with z = 1, Eq. (2); NaN where the lens model has no inverse.
   { camera.line_of_sight(pixel) } -> std::convertible_to<Eigen::Vector3d>;
 };
 
 /// No lens distortion.
 struct NoDistortion {
+  /// Distorted point of an undistorted one, both on the plane z = 1; so in the other models.
   Vec2 distort(Vec2 m) const noexcept { return m; }
 };
 
@@ -64,7 +65,7 @@ class PinholeCamera {
   /// @param size sensor size [px]
   /// @param fx,fy focal lengths [px]
   /// @param cx,cy principal point [px]
-  /// @throws std::invalid_argument naming the parameter that is not finite or not positive
+  /// @throws std::invalid_argument naming the parameter that is not finite, or not positive where it must be
   PinholeCamera(SensorSize size, double fx, double fy, double cx, double cy, Distortion distortion = {})
       : size_(size), fx_(fx), fy_(fy), cx_(cx), cy_(cy), distortion_(distortion) {
     const Require require("camera");
@@ -86,6 +87,7 @@ class PinholeCamera {
   }
 
   SensorSize sensor_size() const noexcept { return size_; }
+  /// Geometric mean of fx and fy [px].
   double focal_length() const noexcept { return std::sqrt(fx_ * fy_); }
   double fx() const noexcept { return fx_; }
   double fy() const noexcept { return fy_; }
@@ -108,8 +110,8 @@ class PinholeCamera {
     return std::visit([&](const auto& d) { return d.distort(m); }, distortion_);
   }
 
-  // Where the image of a ray, turned outward, first stops moving outward: beyond, the polynomial of the lens comes back
-  // over the same pixels, and a solution found there would be a ghost.
+  // Tangent of the angle from the optical axis at which the radial distortion stops growing; infinite if it never does.
+  // Beyond it the polynomial maps rays to pixels that other rays have already: solutions found there would be wrong.
   double fold_radius() const noexcept {
     Distortion radial = distortion_;
     if (auto* d = std::get_if<BrownConradyDistortion>(&radial)) d->p1 = d->p2 = 0;
@@ -124,7 +126,8 @@ class PinholeCamera {
     return std::numeric_limits<double>::infinity();
   }
 
-  // Newton's method with a numerical Jacobian, its step limited so that strong distortion converges too.
+  // Inverts `distort` by Newton's method with a numerical Jacobian, its steps limited so that strong distortion
+  // converges too. NaN where there is no inverse within the fold.
   Vec2 undistort(Vec2 distorted) const noexcept {
     if (std::holds_alternative<NoDistortion>(distortion_)) return distorted;
     constexpr double kStep = 1e-6, kTolerance = 1e-12, kNone = std::numeric_limits<double>::quiet_NaN();
@@ -150,7 +153,7 @@ class PinholeCamera {
   SensorSize size_;
   double fx_, fy_, cx_, cy_;
   Distortion distortion_;
-  double fold_ = 0;  // [tangent]
+  double fold_ = 0;  // [tangent], see fold_radius
 };
 
 }  // namespace evmarker

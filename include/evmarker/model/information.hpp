@@ -1,12 +1,13 @@
 #pragma once
-// The inverse of a pose's covariance, for those who fuse poses.
+// The information matrix of a pose, for sensor fusion.
 #include <Eigen/Cholesky>
 
 #include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker {
 
-/// Inverse covariance, for those who fuse poses; zero where there is none, or none that is positive definite.
+/// Inverse of a pose's covariance, in the same order; zero if the pose has no covariance or one that is not positive
+/// definite.
 inline Matrix6d information(const PoseEstimate& pose) noexcept {
   if (!pose.covariance) return Matrix6d::Zero();
   const Eigen::LLT<Matrix6d> root(*pose.covariance);

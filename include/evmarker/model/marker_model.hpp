@@ -1,5 +1,5 @@
 #pragma once
-// A marker as a wireframe: the edges at which it makes events.
+// Markers as wireframes: the edges at which they make events.
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
@@ -12,9 +12,10 @@
 
 namespace evmarker {
 
-/// One straight edge between two vertices. `dark_side` is the unit vector [marker frame], perpendicular to the edge,
-/// that points into the darker of the two areas it separates; zero where that is not known. `face_normal` points out of
-/// the face that the edge is printed on, which hides it from behind; zero for an edge that is seen from everywhere.
+/// One straight edge between two vertices, given by their indices. `dark_side` is the unit vector [marker frame],
+/// perpendicular to the edge, that points into the darker of the two areas it separates; zero if that is not known.
+/// `face_normal` [marker frame] points out of the face that the edge is printed on, which hides it from behind; zero
+/// for an edge that is visible from everywhere.
 struct MarkerSegment {
   int from = 0;
   int to = 0;
@@ -22,8 +23,8 @@ struct MarkerSegment {
   Eigen::Vector3d face_normal = Eigen::Vector3d::Zero();
 };
 
-/// True if an edge is on a side that faces the camera, or on no side.
-/// @param point any of its points [camera frame]
+/// True if the camera sees the front of the face that an edge is on, or the edge is on no face.
+/// @param point any point of the edge [m, camera frame]
 inline bool faces_camera(const MarkerSegment& segment, const Vec3& point,
                          const Eigen::Isometry3d& T_camera_marker) noexcept {
   const Vec3 normal = segment.face_normal;
@@ -35,8 +36,8 @@ inline bool faces_camera(const MarkerSegment& segment, const Vec3& point,
 struct MarkerModel {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<MarkerSegment> segments;
-  /// Cells along a side of a square code marker, all of whose edges lie on the lines between the cells; 0 if it is
-  /// none.
+  /// Cells along a side of a square code marker, border included, if all edges lie on the lines of its grid of cells; 0
+  /// for any other wireframe.
   int cells = 0;
 };
 
@@ -53,8 +54,8 @@ inline void require_marker_length(double length, const char* field = "length") {
 
 }  // namespace detail
 
-/// Rejects a wireframe that cannot be tracked: no edge, an index without a vertex, a vertex that is not finite, an edge
-/// without length.
+/// Checks that a wireframe has edges, that each has two vertices and a length, and that all vectors are finite.
+/// @throws std::invalid_argument naming the vertex or the segment that is wrong
 inline void validate(const MarkerModel& model) {
   if (model.segments.empty()) throw std::invalid_argument("marker model: no segments");
   for (std::size_t i = 0; i < model.vertices.size(); ++i)
@@ -75,7 +76,8 @@ inline void validate(const MarkerModel& model) {
 }
 
 /// The outline of a dark square of side `length` [m]: four corners from the top left clockwise, four edges, dark
-/// inside, seen from the front only.
+/// inside, visible from the front only.
+/// @throws std::invalid_argument if the length is not positive
 inline MarkerModel make_square_marker(double length) {
   detail::require_marker_length(length);
   const double h = length / 2;
@@ -87,12 +89,12 @@ inline MarkerModel make_square_marker(double length) {
           1};
 }
 
-/// The outline of a dark rectangle, `width` by `height` [m], otherwise as `make_square_marker`.
+/// The outline of a dark rectangle, `width` along x by `height` along y [m], otherwise as `make_square_marker`.
 /// @throws std::invalid_argument naming the side that is not positive
 inline MarkerModel make_rectangle_marker(double width, double height) {
   detail::require_marker_length(width, "width");
   detail::require_marker_length(height, "height");
-  if (width == height) return make_square_marker(width);  // which is matched faster
+  if (width == height) return make_square_marker(width);  // by its grid, a square is matched faster
   MarkerModel model = make_square_marker(1);
   for (Eigen::Vector3d& vertex : model.vertices) vertex = {width * vertex.x(), height * vertex.y(), 0};
   model.cells = 0;
@@ -101,7 +103,7 @@ inline MarkerModel make_rectangle_marker(double width, double height) {
 
 namespace detail {
 
-// A cell of a code marker, counted from its border: that is black, and everything outside of it is white.
+// Whether a cell of a code marker is white. Row 0 and column 0 are the border, which is black; all outside is white.
 inline bool is_white(const CodeBits& bits, int row, int column) {
   const int last = static_cast<int>(bits.rows()) + 1;
   if (row < 0 || row > last || column < 0 || column > last) return true;
@@ -112,7 +114,9 @@ inline bool is_white(const CodeBits& bits, int row, int column) {
 }  // namespace detail
 
 /// The outline of a black-bordered code marker (ArUco, AprilTag) and every edge between its black and white cells.
-/// `length` [m] is the side of the black square; `bits` are the cells inside its border, which is one cell wide.
+/// @param length side of the black square [m]
+/// @param bits the cells inside its border, which is one cell wide
+/// @throws std::invalid_argument if the length is not positive or the bits are not a square
 inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   detail::require_marker_length(length);
   if (bits.rows() < 1 || bits.rows() != bits.cols())
@@ -123,6 +127,7 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   const Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   MarkerModel model;
   model.cells = cells;
+  // Index of the vertex at a grid point, which is added if it is new.
   const auto corner = [&](int row, int column) {
     const double cell = length / cells;
     const Eigen::Vector3d vertex(column * cell - length / 2, length / 2 - row * cell, 0);
@@ -133,7 +138,8 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   };
   // Along each grid line, join neighbouring cell edges that are dark on the same side into one segment.
   const auto add_line = [&](int line, bool horizontal) {
-    const auto dark = [&](int along) {  // -1 dark before the line (above, left), +1 behind it, 0 no edge
+    // -1: dark before the line (above or left of it), +1: behind it, 0: no edge.
+    const auto dark = [&](int along) {
       const bool before = horizontal ? white(line - 1, along) : white(along, line - 1);
       const bool behind = horizontal ? white(line, along) : white(along, line);
       return static_cast<int>(before) - static_cast<int>(behind);
@@ -155,7 +161,7 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   return model;
 }
 
-/// The centre of the box around all vertices, marker frame [m].
+/// The centre of the box around all vertices [m, marker frame]; there must be at least one.
 inline Eigen::Vector3d centre(const MarkerModel& model) noexcept {
   Vec3 low = model.vertices.front(), high = low;
   for (const Vec3 v : model.vertices) {

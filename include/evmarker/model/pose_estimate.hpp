@@ -1,5 +1,5 @@
 #pragma once
-// The result of tracking: pose, covariance, twist and how far to trust them.
+// The result of tracking: pose, covariance, twist, and how well the events support them.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,16 +13,16 @@ namespace evmarker {
 
 using MarkerId = int;
 
-/// The value of a setting that is then derived from the events.
+/// The value of a setting with which the library derives it from the events.
 inline constexpr int kAutomatic = 0;
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 enum class TrackingState {
-  converging,  ///< the first updates after a detection, or more speaks against the pose than for it: it may be far off
+  converging,  ///< just begun, or more evidence against the pose than for it: it may be far off
   tracking,    ///< verified: use the pose
-  lost         ///< verification failed or the marker left: the last pose of this tracker
+  lost         ///< the last pose of this tracker, see LossReason
 };
 
 constexpr const char* to_string(TrackingState state) noexcept {
@@ -37,13 +37,13 @@ constexpr const char* to_string(TrackingState state) noexcept {
 /// Why a marker was lost.
 enum class LossReason {
   none,            ///< it is not lost
-  hidden,          ///< edges that move make no events
-  left_image,      ///< half of it is out of the image, or behind the camera
+  hidden,          ///< its moving edges make no events
+  left_image,      ///< its centre is out of the image, or part of it behind the camera
   inconsistent,    ///< too few of the events near it fit its edges
-  verification,    ///< tracking backwards did not lead back, Eqs. (13), (14)
-  replaced,        ///< a detection shows it elsewhere
-  events_missing,  ///< events were dropped for longer than its motion could be predicted
-  not_confirmed    ///< it never came to be `tracking`
+  verification,    ///< tracking backwards did not lead back to an earlier pose, Eqs. (13), (14)
+  replaced,        ///< it was detected elsewhere
+  events_missing,  ///< a gap in the events was too long to predict its motion
+  not_confirmed    ///< it never reached the state `tracking`
 };
 inline constexpr std::size_t kLossReasons = 8;
 
@@ -64,7 +64,7 @@ constexpr const char* to_string(LossReason reason) noexcept {
 /// How well the events agree with the pose.
 struct TrackingQuality {
   TrackingState state = TrackingState::converging;
-  double health = 0;  ///< probability that the marker is where the pose says, by the evidence so far
+  double health = 0;  ///< probability that the pose is right, by the evidence so far
   LossReason loss_reason = LossReason::none;
   int matched = 0;         ///< events that took part in this update
   int offered = 0;         ///< events that fell on or near the marker since the last update
@@ -73,7 +73,7 @@ struct TrackingQuality {
   double backtrack_rad = std::numeric_limits<double>::quiet_NaN();        ///< Eq. (14) at the last verification [rad]
   double backtrack_angle_rad = std::numeric_limits<double>::quiet_NaN();  ///< the same as one geodesic angle [rad]
   Timestamp updated_t = 0;    ///< time of the last update [us]: `t - updated_t` is the pose's age
-  Timestamp backtrack_t = 0;  ///< when the last verification ran [us]; errors are NaN before the first
+  Timestamp backtrack_t = 0;  ///< time of the last verification [us]; before the first, its errors are NaN
 };
 
 /// The pose of one marker at one time. Perturbations act on the left, in the camera frame, ordered
@@ -82,7 +82,7 @@ struct PoseEstimate {
   MarkerId id = 0;
   Timestamp t = 0;                                                    ///< [us]
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< [m]
-  // Nothing where the update rule does not estimate them.
+  // The next four are empty if the update rule does not estimate them.
   std::optional<Matrix6d> covariance = std::nullopt;    ///< of the perturbation [m^2, m rad; m rad, rad^2]
   std::optional<Vector6d> twist = std::nullopt;         ///< rate of the perturbation [m/s; rad/s]
   std::optional<double> edge_offset_px = std::nullopt;  ///< how far on the dark side of their edges events lie
@@ -90,15 +90,17 @@ struct PoseEstimate {
   TrackingQuality quality;
 };
 
-/// Variance of where a point of the marker is in the undistorted image, x and y together [px^2]. The pose must have a
+/// Variance of a marker point's place in the undistorted image, the sum over x and y [px^2]. The pose must have a
 /// covariance.
-/// @param point marker frame [m]
+/// @param point [m, marker frame]
+/// @param focal_length [px]
 inline double image_variance(const PoseEstimate& pose, Vec3 point, double focal_length) noexcept {
   const Vec3 lever = rotate(pose.T_camera_marker, point), X = lever + translation(pose.T_camera_marker);
   double variance = 0;
   for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
     const Vec3 g = image_gradient(along, X, focal_length);
-    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();  // the point's image by the perturbation
+    // Derivative of the point's image by the perturbation.
+    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) variance += J[i] * pose.covariance->data()[6 * k + i] * J[k];
   }

@@ -1,5 +1,5 @@
 #pragma once
-// The line of sight of every pixel, looked up instead of computed for every event.
+// A table of the lines of sight of all pixels: a look-up for each event in place of a computation.
 #include <Eigen/Core>
 #include <cmath>
 #include <limits>
@@ -14,10 +14,10 @@
 
 namespace evmarker {
 
-/// Any camera as a table: pixel -> (X/Z, Y/Z) of its line of sight, with the lens distortion taken out. Copies share
-/// the table.
+/// Lines of sight of a camera as a table: (X/Z, Y/Z) for every pixel, lens distortion removed. Copies share the table.
 class UndistortionTable {
  public:
+  /// @throws std::invalid_argument naming the sensor size or focal length that is not valid
   template <CameraModel Camera>
   explicit UndistortionTable(const Camera& camera)
       : size_(camera.sensor_size()), focal_length_(static_cast<double>(camera.focal_length())) {
@@ -38,22 +38,23 @@ class UndistortionTable {
   }
 
   SensorSize sensor_size() const noexcept { return size_; }
-  /// [px] per unit of tangent.
+  /// Pixels per unit of tangent.
   double focal_length() const noexcept { return focal_length_; }
 
-  /// The smallest rectangle that holds (X/Z, Y/Z) of every pixel.
+  /// The smallest rectangle that contains the lines of sight (X/Z, Y/Z) of all pixels.
   const Box& image() const noexcept { return image_; }
 
-  /// M = (m; 1) of Eq. (2) for an event on the sensor; NaN where the lens model has no inverse.
+  /// Line of sight m = (X/Z, Y/Z) of an event, which must lie on the sensor: M = (m; 1) of Eq. (2). NaN where the lens
+  /// model has no inverse.
   Vec2 operator()(const Event& event) const noexcept {
     const Line& line = (*lines_)[pixel(event)];
     return {line.x, line.y};
   }
 
-  /// Has the line of sight of an event on the sensor brought into the cache.
+  /// Prefetches the memory for the line of sight of an event, which must lie on the sensor.
   void prefetch(const Event& event) const noexcept { __builtin_prefetch(&(*lines_)[pixel(event)]); }
 
-  /// Far from every marker.
+  /// A line of sight that matches no marker: NaN.
   static constexpr Vec2 nowhere() noexcept {
     return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
   }

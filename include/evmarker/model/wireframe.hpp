@@ -1,5 +1,5 @@
 #pragma once
-// A rigid body of straight edges that no detector finds: its edges, its id, where it is at first.
+// A rigid body of straight edges that is tracked without a detector.
 #include <Eigen/Geometry>
 #include <optional>
 #include <stdexcept>
@@ -11,16 +11,15 @@
 
 namespace evmarker {
 
-/// A body that is followed by its edges alone. Its origin is where its vertices are counted from.
+/// A body that is tracked by its edges alone, from a rough start pose on. Its frame is that of the model's vertices.
 struct Wireframe {
   MarkerId id = 0;    ///< of its poses
   MarkerModel model;  ///< vertices [m]
-  /// T_camera_wireframe [m] at the first event, roughly: the start search looks around it.
+  /// Rough T_camera_wireframe [m] at the first event: the start search begins around it.
   std::optional<Eigen::Isometry3d> start = std::nullopt;
 };
 
-/// Rejects a start from which a body cannot be followed: no rigid motion, or a vertex that is not in front of the
-/// camera.
+/// Checks that a start pose is a rigid motion that puts all vertices in front of the camera.
 /// @throws std::invalid_argument naming the fault
 inline void validate_start(const MarkerModel& model, const Eigen::Isometry3d& start) {
   if (!is_finite(start)) throw std::invalid_argument("start is not finite");

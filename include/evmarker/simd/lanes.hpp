@@ -1,12 +1,12 @@
 #pragma once
-// Numbers that are computed together, for loops that the compiler makes vectors of.
+// Eight numbers that are computed together, in loops that the compiler vectorises.
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
 
 namespace evmarker::simd {
 
-/// Numbers that are computed together: one vector of 512 bits, two of 256, four of 128.
+/// How many numbers are computed together: they fill one vector of 512 bits, two of 256, or four of 128.
 inline constexpr std::size_t kLanes = 8;
 
 using Lanes = std::array<double, kLanes>;
@@ -19,14 +19,14 @@ using Lanes = std::array<double, kLanes>;
   return two[0] + two[1];
 }
 
-/// Takes the square root of each lane.
-// Through Eigen: a loop over std::sqrt, which may have to set errno, does not become a vector instruction.
+/// Replaces each lane by its square root.
+// By Eigen: the compiler does not vectorise a loop over std::sqrt, which may have to set errno.
 [[gnu::always_inline]] inline void square_roots(Lanes& lanes) noexcept {
   Eigen::Map<Eigen::Array<double, kLanes, 1>> all(lanes.data());
   all = all.sqrt();
 }
 
-// Vectors have these as one instruction; of a NaN they make the bound.
+// The larger and the smaller of two numbers, each a single vector instruction. If x is NaN, the result is the bound.
 [[gnu::always_inline]] inline double larger(double x, double bound) noexcept { return x > bound ? x : bound; }
 [[gnu::always_inline]] inline double smaller(double x, double bound) noexcept { return x < bound ? x : bound; }
 

@@ -1,5 +1,5 @@
 #pragma once
-// A few numbers in vector registers, where loops are too short for the compiler to make vectors of them.
+// A few numbers in vector registers, for loops that are too short for the compiler to vectorise.
 #include <array>
 #include <cstddef>
 
@@ -7,7 +7,7 @@ namespace evmarker::simd {
 
 namespace detail {
 
-// As members of Pack, these attributes would depend on its parameters, and be lost.
+// Specialisations, not one template: the compilers ignore these attributes where they depend on a template parameter.
 template <std::size_t kBits>
 struct Vector;
 template <>
@@ -28,23 +28,26 @@ struct Vector<256> {
 
 }  // namespace detail
 
-/// Two numbers, computed together by the usual operators.
+/// Two numbers in one register; the usual operators work element by element.
 using Pair = detail::Vector<128>::InRegister;
 
-/// Two numbers that lie one after the other.
+/// Loads two adjacent numbers, which need only the alignment of a double.
 [[gnu::always_inline]] inline Pair pair_at(const double* numbers) noexcept {
   return *reinterpret_cast<const detail::Vector<128>::InMemory*>(numbers);
 }
-// As of single numbers, see lanes.hpp.
+// Element by element, as for single numbers in lanes.hpp.
 [[gnu::always_inline]] inline Pair larger(Pair x, Pair bound) noexcept { return x > bound ? x : bound; }
 [[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
 [[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
 
-/// `kNumbers` numbers, all zero at first, in vectors of `kBits` bits: see `in_packs`.
+/// `kNumbers` numbers in vectors of `kBits` bits, which must divide them evenly. For the choice of `kBits` see
+/// `in_packs`.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
  public:
+  /// All zeros.
   [[gnu::always_inline]] Pack() noexcept : parts_{} {}
+  /// Loads `kNumbers` adjacent numbers, which need only the alignment of a double.
   [[gnu::always_inline]] explicit Pack(const double* numbers) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] = *reinterpret_cast<const InMemory*>(numbers + kPart * i);
   }
@@ -57,24 +60,26 @@ class Pack {
   [[gnu::always_inline]] void scale(double factor) noexcept {
     for (Part& part : parts_) part *= factor;
   }
-  /// Adds, or subtracts, a multiple of the other.
+  /// Adds a multiple of another pack.
   [[gnu::always_inline]] void add(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += times * other.parts_[i];
   }
+  /// Subtracts a multiple of another pack.
   [[gnu::always_inline]] void subtract(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] -= times * other.parts_[i];
   }
-  /// Adds the products of two others, number by number.
+  /// Adds the element-wise product of two other packs.
   [[gnu::always_inline]] void add_product(const Pack& a, const Pack& b) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += a.parts_[i] * b.parts_[i];
   }
+  /// Adds `number` to element i.
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
     Part at{};
     at[i % kPart] = 1;
     parts_[i / kPart] += number * at;
   }
 
-  /// The second half, followed by zeros.
+  /// A pack of the second half of the numbers, followed by zeros.
   [[gnu::always_inline]] Pack second_half() const noexcept {
     Pack half;
     if constexpr (kParts % 2 == 0) {

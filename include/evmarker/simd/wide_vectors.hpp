@@ -1,5 +1,5 @@
 #pragma once
-// Loops in the widest vectors that the processor has, in programs compiled for any.
+// Runs loops with the widest vectors that the processor has, in programs that are compiled for any processor.
 #include <cstddef>
 #include <type_traits>
 
@@ -12,7 +12,7 @@ using Bits = std::integral_constant<std::size_t, kBits>;
 
 }  // namespace detail
 
-// GCC alone can; others make vectors for the processor that they compile for.
+// With GCC only; other compilers use the vectors of the processor that they compile for.
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
 
 namespace detail {
@@ -39,8 +39,8 @@ inline const int kVectorBits = widest_vectors();
 
 }  // namespace detail
 
-/// Runs a function whose loops are simple enough for the compiler to make vectors of, compiled for what the processor
-/// turns out to have. It must be marked `always_inline`, and so must be what it calls.
+/// Calls `loops()`, a function whose loops the compiler can vectorise, in a version compiled for the widest vectors
+/// that this processor has. `loops` must be marked `always_inline`, and so must all functions that it calls.
 template <typename Loops>
 [[gnu::always_inline]] inline void in_wide_vectors(const Loops& loops) noexcept {
   if (detail::kVectorBits == 512)
@@ -51,8 +51,9 @@ template <typename Loops>
     loops();
 }
 
-/// The same for `work(bits)` on `Pack`s of `bits` bits: vectors wider than what a function is
-/// compiled for would be taken apart in memory.
+/// Calls `work(bits)` in the same way; `bits` is the width for its `Pack`s, 128 or 256. Packs wider than the vectors
+/// that a function is compiled for would be taken apart in memory; packs of 512 bits would not hold twelve numbers
+/// evenly.
 template <typename Work>
 [[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
   if (detail::kVectorBits == 512)

@@ -1,5 +1,5 @@
 #pragma once
-// Poses of several markers in order of time.
+// Sorts the poses of several markers by time.
 #include <algorithm>
 #include <concepts>
 #include <cstddef>
@@ -11,12 +11,14 @@
 
 namespace evmarker {
 
-/// Hands poses over in order of time. Does not allocate for up to as many as it was made for.
+/// Hands poses over in order of time.
 class ByTime {
  public:
+  /// @param poses most poses at a time for which nothing is allocated
   explicit ByTime(std::size_t poses) { order_.reserve(poses); }
 
-  /// Calls `use(pose)` with each and clears them; those of the same time in the order in which they stand.
+  /// Calls `use(pose)` with each pose, in order of time, poses of the same time in their present order; then clears
+  /// them.
   template <std::invocable<const PoseEstimate&> Use>
   void hand_over(std::vector<PoseEstimate>& poses, const Use& use) {
     order_.resize(poses.size());

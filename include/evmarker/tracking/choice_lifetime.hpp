@@ -4,22 +4,24 @@
 
 namespace evmarker {
 
-/// Choosing an event's edge anew after every update would make matching in groups impossible. However fast the marker
-/// is, a tenth as many events as its edges are long in the image [px] move them by half a pixel at most: for so many
-/// matched events the choice at an earlier pose holds, and for 32 at most, which with the others make a group.
+/// Counts the updates for which events are matched to the edges chosen at an earlier pose: choosing them anew after
+/// every update would make matching in groups impossible. However fast the marker is, while it makes a tenth as many
+/// matched events as its edges are long in the image [px], they move by half a pixel at most. The choice holds for so
+/// many matched events, at most 32: with those that match no edge, they fill a group.
 class ChoiceLifetime {
  public:
-  /// Edges have been chosen at a new pose, and nothing has been matched since the last update.
+  /// Begins anew: edges have just been chosen at a new pose, and nothing has been matched since the last update.
+  /// @param edge_length_px of all edges together
   void begin(double edge_length_px, int events_per_update) noexcept {
     const double updates = std::min(kMostEvents, edge_length_px / 10) / events_per_update;
     most_updates_ = updates > 1 ? static_cast<int>(updates) : 1;
     updates_ = 0;
   }
 
-  /// Counts an update. True if edges must be chosen at the pose that it leads to.
+  /// Counts an update. Returns true if edges must be chosen anew at the pose that it leads to.
   bool count_update() noexcept { return ++updates_ >= most_updates_; }
 
-  /// True if no update has passed since the edges were chosen.
+  /// True if no update has been counted since the edges were chosen.
   bool fresh() const noexcept { return updates_ == 0; }
 
   /// How many more events may be matched until the edges must be chosen anew.

@@ -1,5 +1,5 @@
 #pragma once
-// When a detector gets the polarity frame.
+// The schedule of detections in the polarity frame.
 #include <chrono>
 #include <cstdint>
 #include <limits>
@@ -9,7 +9,8 @@
 
 namespace evmarker {
 
-/// One detection at a time, at the intervals of the settings in camera time. A step back in time does not stop it.
+/// Schedules detections, one at a time, at the intervals of the settings in camera time. After a step back in time,
+/// all intervals count as elapsed.
 class DetectionSchedule {
  public:
   template <PoseUpdateRule Rule>
@@ -21,28 +22,30 @@ class DetectionSchedule {
 
   /// Counts an event that has passed the filter.
   void count_event() noexcept { ++events_; }
-  /// A marker was found: others may be about to be.
+  /// Notes that a marker was found at time t: others may follow, so that detections are frequent for a while.
   void note_found(Timestamp t) noexcept { last_found_ = t; }
 
   /// True if a detection should begin now; false while one is going on.
-  /// @param searching whether a marker that should be there has not been found
+  /// @param searching whether a marker is missing, so that detections are to be frequent
   bool due(Timestamp t, bool searching) const noexcept {
     const bool often = searching || !elapsed(kOthers, last_found_, t);
     return events_ >= min_events_ && !running_ && elapsed(often ? search_interval_ : detection_interval_, began_, t);
   }
+  /// Notes that a detection begins at time t.
   void begin(Timestamp t) noexcept {
     began_ = t;
     events_ = 0;
     running_ = true;
   }
-  /// True from the begin of a detection to its end.
+  /// True while a detection is going on, from `begin` to `end`.
   bool running() const noexcept { return running_; }
-  /// True if the detection that is going on has lasted as long as the settings say that it takes.
+  /// True if a detection is going on and `detection_latency` has passed since its begin.
   bool result_due(Timestamp t) const noexcept { return running_ && elapsed(detection_latency_, began_, t); }
+  /// Notes that the detection has ended.
   void end() noexcept { running_ = false; }
 
  private:
-  static constexpr std::chrono::milliseconds kOthers{100};
+  static constexpr std::chrono::milliseconds kOthers{100};  // how long detections are frequent after a marker was found
 
   static bool elapsed(std::chrono::microseconds time, Timestamp since, Timestamp t) noexcept {
     return t < since || elapsed_us(since, t) >= static_cast<std::uint64_t>(time.count());
@@ -50,7 +53,7 @@ class DetectionSchedule {
 
   std::chrono::microseconds detection_interval_, search_interval_, detection_latency_;
   int min_events_;
-  std::int64_t events_ = 0;  // through the filter since the last detection began
+  std::int64_t events_ = 0;  // that have passed the filter since the last detection began
   bool running_ = false;
   Timestamp began_ = std::numeric_limits<Timestamp>::min();
   Timestamp last_found_ = std::numeric_limits<Timestamp>::min();

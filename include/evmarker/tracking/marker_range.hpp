@@ -9,8 +9,8 @@
 
 namespace evmarker {
 
-/// Goes over the `MarkerTracker` of each marker; valid until markers come or go.
-// By hand: Clang 14 cannot compile libstdc++'s views::transform.
+/// A view of the `MarkerTracker` of each marker; valid until markers are added or removed.
+// Written out because Clang 14 cannot compile libstdc++'s views::transform.
 template <PoseUpdateRule Rule>
 class MarkerRange : public std::ranges::view_base {
  public:

@@ -14,21 +14,22 @@
 
 namespace evmarker {
 
+/// Settings of a `MarkerTracker`.
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct MarkerTrackerSettings {
-  int events_per_update = kAutomatic;   ///< the paper's n, matched events; automatic: see EdgeFollower
+  int events_per_update = kAutomatic;   ///< the paper's n, matched events; automatic: see EdgeFollowerSettings
   SegmentMatcherSettings matching{};    ///< the paper's segment matching
   typename Rule::Settings update{};     ///< gains of the update rule
-  VerificationSettings verification{};  ///< the paper's backtracking
-  TrackHealthSettings health{};         ///< what loses a marker
-  bool polarity_check = false;          ///< events that contradict their edge's motion do not update, see EdgeFollower
+  VerificationSettings verification{};  ///< tracking backwards, the paper's verification
+  TrackHealthSettings health{};         ///< when a marker is declared lost
+  bool polarity_check = false;  ///< discards events that contradict their edge's motion, see EdgeFollowerSettings
   double polarity_check_px_per_s = 50;  ///< slower edges are not checked [px/s along the normal]
-  int converging_events = 0;            ///< matched at least before the pose is `tracking`; the evidence may want more
-  /// The marker is first searched around its start pose; without it, tracked from there.
+  int converging_events = 0;  ///< least matched events before the pose is `tracking`; the evidence may need more
+  /// Search for the marker around its start pose; without it, the marker is tracked from there at once.
   std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
 };
 
-/// The part that its edge follower has.
+/// The settings of a marker tracker that are those of its edge follower.
 template <PoseUpdateRule Rule>
 EdgeFollowerSettings<Rule> follower_settings(const MarkerTrackerSettings<Rule>& settings) {
   return {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,

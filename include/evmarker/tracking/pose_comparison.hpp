@@ -1,14 +1,16 @@
 #pragma once
-// Which of two poses that look alike explains the events better.
+// Compares which of two similar-looking poses explains the events better.
 #include <cmath>
 
 namespace evmarker {
 
-/// Adds up how much nearer each event lies to the edges of the first pose than to those of the second, and how much
-/// such sums vary. Events of one passage are alike, so that sums of many are taken for independent.
+/// Sums how much nearer each event lies to the edges of the first pose than to those of the second, and the variance of
+/// this sum. Events of one passage of an edge err together; sums of 64 events are assumed to be independent.
 class PoseComparison {
  public:
-  /// @param misfit_px2, other_px2 squared distances of one event to the edges of both poses; if alike, they say nothing
+  /// Adds one event.
+  /// @param misfit_px2,other_px2 its squared distances to the edges of the first and of the second pose; an event with
+  /// equal distances does not count
   void add(double misfit_px2, double other_px2) noexcept {
     if (misfit_px2 == other_px2) return;
     group_ += other_px2 - misfit_px2;
@@ -18,9 +20,10 @@ class PoseComparison {
     group_ = 0;
   }
 
+  /// How many events count.
   int events() const noexcept { return events_; }
 
-  /// By how many standard deviations the first pose is the better one; 0 while the events are too few to say.
+  /// By how many standard deviations the first pose is better; 0 while there are too few events.
   double z() const noexcept { return events_ >= kFewest ? sum_ / std::sqrt(variance_ + kSmallest) : 0; }
 
  private:

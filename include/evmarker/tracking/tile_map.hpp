@@ -1,5 +1,5 @@
 #pragma once
-// Which of many markers an event may belong to, in constant time.
+// Finds the markers to which an event may belong, in constant time.
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace evmarker {
 
-/// The image in tiles, each with the markers whose events may fall into it. Markers are counted from 0. After `resize`
-/// nothing throws or allocates.
+/// The image in tiles, each with the set of markers whose events may lie in it. Markers are numbered from 0. Only the
+/// constructor and `resize` may throw or allocate.
 class TileMap {
  public:
   explicit TileMap(const UndistortionTable& lines_of_sight)
@@ -28,19 +28,20 @@ class TileMap {
         event.x = static_cast<std::uint16_t>(x);
         event.y = static_cast<std::uint16_t>(y);
         const Vec2 m = lines_of_sight(event);
-        if (!is_finite(m)) continue;  // belongs to nothing
+        if (!is_finite(m)) continue;  // matches no marker
         tiles_[tile(event)].extend(m);
         rows_[event.y / kTile_px].extend(m);
       }
   }
 
-  /// Sets the number of markers; none has a place yet.
+  /// Sets the number of markers. All places are forgotten: until its first `move`, a marker is nowhere.
   void resize(std::size_t markers) {
     areas_.assign(markers, Box());
     markers_.assign(markers_.size(), 0);
   }
 
-  /// Sets where a marker may have events, as (X/Z, Y/Z) of their lines of sight.
+  /// Sets where a marker may have events.
+  /// @param reach lines of sight (X/Z, Y/Z)
   void move(std::size_t marker, const Box& reach) noexcept {
     if (areas_[marker].contains(reach)) return;
     // With a margin, so that small motions change nothing.
@@ -50,11 +51,11 @@ class TileMap {
     for (std::size_t row = 0; row < rows_.size(); ++row) {
       if (!rows_[row].intersects(before) && !rows_[row].intersects(now)) continue;
       for (std::size_t i = row * columns_; i < (row + 1) * columns_; ++i)
-        markers_[i] = somebody_reaches(tiles_[i], marker % kBits) ? markers_[i] | bit : markers_[i] & ~bit;
+        markers_[i] = any_marker_reaches(tiles_[i], marker % kBits) ? markers_[i] | bit : markers_[i] & ~bit;
     }
   }
 
-  /// True if an event on the sensor may belong to more than one marker.
+  /// True if an event, which must lie on the sensor, may belong to more than one marker.
   bool shared(const Event& event, const UndistortionTable& lines_of_sight) const noexcept {
     const std::uint64_t bits = markers_[tile(event)];
     if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
@@ -65,7 +66,8 @@ class TileMap {
     return markers > 1;
   }
 
-  /// Calls `use(marker)` for every marker to which an event on the sensor may belong.
+  /// Calls `use(marker)` with the number of every marker to which an event, which must lie on the sensor, may belong.
+  /// It is also called with some others: areas have a margin, and tiles are coarse.
   template <typename Use>
   void for_each_at(const Event& event, const Use& use) const {
     for (std::uint64_t bits = markers_[tile(event)]; bits != 0; bits &= bits - 1)
@@ -80,7 +82,8 @@ class TileMap {
   std::size_t tile(const Event& event) const noexcept { return event.y / kTile_px * columns_ + event.x / kTile_px; }
   // The 65th marker shares the bit of the first: both get the tiles of either.
   static std::uint64_t bit_of(std::size_t marker) noexcept { return std::uint64_t{1} << (marker % kBits); }
-  bool somebody_reaches(const Box& tile, std::size_t first) const noexcept {
+  // True if a marker with the same bit as the first one may have events in a tile.
+  bool any_marker_reaches(const Box& tile, std::size_t first) const noexcept {
     for (std::size_t i = first; i < areas_.size(); i += kBits)
       if (tile.intersects(areas_[i])) return true;
     return false;
@@ -88,10 +91,10 @@ class TileMap {
 
   std::size_t columns_;
   double margin_;                       // [tangent]
-  std::vector<Box> tiles_;              // lines of sight of their pixels
-  std::vector<Box> rows_;               // the same of whole rows of tiles
-  std::vector<std::uint64_t> markers_;  // of every tile, a bit each
-  std::vector<Box> areas_;              // of every marker
+  std::vector<Box> tiles_;              // lines of sight of the pixels of each tile
+  std::vector<Box> rows_;               // the same for whole rows of tiles
+  std::vector<std::uint64_t> markers_;  // of each tile, see bit_of
+  std::vector<Box> areas_;              // of each marker: where it may have events, with a margin
 };
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// Many markers, found by themselves: filter, detect, register, track, verify, drop, find again.
+// Tracks many markers from their detection on: filter, detect, register, track, verify, drop, detect again.
 #include <algorithm>
 #include <array>
 #include <concepts>
@@ -11,8 +11,8 @@
 
 namespace evmarker {
 
-/// Tracks every marker that the detector finds. One thread, deterministic: the same events give the same poses, bit for
-/// bit, however they are batched. Between detections nothing throws or allocates.
+/// Tracks every marker that the detector finds. Runs on one thread and is deterministic: the same events give the same
+/// poses, bit for bit, however they are batched. Between detections nothing throws or allocates.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Tracker {
  public:
@@ -23,7 +23,7 @@ class Tracker {
   Tracker(const Camera& camera, Detector detector, const Settings& settings = {})
       : Tracker(camera, std::move(detector), settings, Filter(camera.sensor_size(), settings.filter_window)) {}
 
-  /// With a filter of one's own.
+  /// The same with a given noise filter.
   template <CameraModel Camera>
   Tracker(const Camera& camera, Detector detector, const Settings& settings, Filter filter)
       : core_(camera, settings, std::move(filter)), detector_(std::move(detector)) {
@@ -38,8 +38,8 @@ class Tracker {
     return poses_;
   }
 
-  /// Takes events and calls `use(pose)` with each pose that they lead to, in order of time, valid during the call: the
-  /// same poses as one by one, and faster.
+  /// Takes events and calls `use(pose)` with each pose that they lead to, in order of time, valid during the call. The
+  /// poses are the same as with single events, but take less time.
   template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events, const Use& use) {
@@ -65,6 +65,7 @@ class Tracker {
     }
   }
 
+  // Starts the detection or takes the result that is due at time t.
   template <typename Use>
   void run_detector(Timestamp t, const Use& use) {
     if (core_.detection_due(t)) result_ = answer_request(detector_, core_.polarity_frame(), core_.request_detection(t));
@@ -74,7 +75,7 @@ class Tracker {
   TrackerCore<Rule, Filter> core_;
   Detector detector_;
   DetectionResult result_;           // of the last detection
-  std::vector<PoseEstimate> poses_;  // that the last single event led to
+  std::vector<PoseEstimate> poses_;  // that the last single event has led to
 };
 
 }  // namespace evmarker

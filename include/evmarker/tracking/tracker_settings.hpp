@@ -10,21 +10,23 @@
 
 namespace evmarker {
 
+/// Settings of a `Tracker`.
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct TrackerSettings {
-  /// Of the spatiotemporal filter: by the sensor's noise, or fixed, as the paper's 2000 us.
+  /// Window of the spatiotemporal filter: automatic, by the sensor's noise, or fixed, as the paper's 2000 us.
   std::chrono::microseconds filter_window = kAutomaticWindow;
   std::chrono::microseconds detection_interval{25000};  ///< camera time from one detection to the next
-  /// The same while something is searched for: until there is a marker, all are confirmed, and for 0.1 s after one was
-  /// found or lost.
+  /// The same while a marker is missing: none is tracked, one is not confirmed yet, or one was confirmed or lost less
+  /// than 0.1 s ago.
   std::chrono::microseconds search_interval{5000};
-  /// Camera time from a detection to the registration of its markers, as if the detector took so long; the events in
-  /// between are replayed into the new trackers.
+  /// Camera time from the request of a detection to the use of its result, as if the detector took so long. The events
+  /// in between are replayed into the trackers of the new markers.
   std::chrono::microseconds detection_latency{0};
   int min_events_per_detection = 200;  ///< no new detection before this many events have passed the filter
-  int detections_to_confirm = 2;  ///< frames that must show a marker's code where it is tracked before it is announced
-  std::size_t max_markers = 64;   ///< tracked at the same time
-  std::size_t history_events = 1u << 18;  ///< kept to be replayed
+  /// How many frames must show a marker's code at its tracked pose before its poses are reported.
+  int detections_to_confirm = 2;
+  std::size_t max_markers = 64;           ///< tracked at the same time
+  std::size_t history_events = 1u << 18;  ///< events kept for replay
   MarkerTrackerSettings<Rule> marker{};   ///< of every marker's tracker
 };
 
@@ -40,19 +42,19 @@ void validate(const TrackerSettings<Rule>& settings) {
   validate(settings.marker);  // here, and not when the first marker is found
 }
 
-/// What happened to the events so far.
+/// What has happened to the events and the markers so far.
 struct TrackerStatistics {
   std::uint64_t events = 0;           ///< pushed
   std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
-  std::uint64_t filtered = 0;         ///< no support in space and time: for markers that are tracked already only
-  std::uint64_t time_faults = 0;      ///< discarded: a time that the events before and after it contradict
-  std::uint64_t matched = 0;          ///< taken into pose updates, all markers together
-  std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; taken as they are
+  std::uint64_t filtered = 0;         ///< not supported by a neighbour: used only for markers that are tracked already
+  std::uint64_t time_faults = 0;      ///< discarded: their times contradict those of the events before and after
+  std::uint64_t matched = 0;          ///< used in pose updates, all markers together
+  std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; used all the same
   std::uint64_t detections = 0;       ///< polarity frames given to the detector
   std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
-  std::uint64_t replayed = 0;         ///< events replayed into markers that began to be tracked
-  std::uint64_t replays_cut = 0;      ///< of these replays, how many lacked events: more than `history_events` since
-  std::uint64_t lost = 0;             ///< of the registered
+  std::uint64_t replayed = 0;         ///< events replayed into the trackers of newly detected markers
+  std::uint64_t replays_cut = 0;      ///< replays that lacked events, as there were more than `history_events`
+  std::uint64_t lost = 0;             ///< how often a registered marker was lost
 };
 
 }  // namespace evmarker

@@ -12,23 +12,24 @@ namespace evmarker {
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-/// Where events lie beside their edges: how far toward the dark side, and how far they trail.
+/// Number of biases of the events' places: edge offset, toward the dark side, and trail, behind the moving edge.
 inline constexpr std::size_t kBiases = 2;
 
-/// How far a state is from what was expected: x = [pose; its velocity], and the biases b = [edge offset, trail].
+/// Deviation of the true state from the estimated one: x = [pose; velocity], and the biases b = [edge offset, trail].
 struct ErrorState {
   Vector12d x = Vector12d::Zero();
   std::array<double, kBiases> b{};
 };
 
-/// Its covariance. Columns of twelve are whole vectors of any width; columns of fourteen would not be.
+/// Covariance of an error state, in blocks. Columns of twelve numbers are whole vectors of 128 and of 256 bits; columns
+/// of fourteen would not be.
 struct ErrorCovariance {
   alignas(32) Matrix12d xx = Matrix12d::Zero();
   alignas(32) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
   std::array<std::array<double, kBiases>, kBiases> bb{};
 
-  /// P = F P F^T + Q, see MotionStep.
-  /// @param q of each of the six axes
+  /// Predicts xx and xb over a motion step, P = F P F^T + Q, see MotionStep; the noise of the biases is not added.
+  /// @param q white acceleration of each of the six axes
   template <std::size_t kBits>
   [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     using Column = simd::Pack<12, kBits>;

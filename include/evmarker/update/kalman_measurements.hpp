@@ -1,5 +1,5 @@
 #pragma once
-// The measurements of one Kalman update.
+// The scalar measurements of one Kalman update.
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -10,14 +10,14 @@
 
 namespace evmarker {
 
-/// [J; d] of a measurement.
+/// The row [J; d] of a measurement d = J [pose; b].
 using MeasurementRow = std::array<double, MeasurementRows::kNumbers>;
 
-/// Collects scalar measurements d = J [p; b] of an error state and solves for it.
+/// Collects scalar measurements d = J [pose; b] of an error state, and corrects the state by all of them.
 class KalmanMeasurements {
  public:
-  /// @param row [J; d]
-  /// @param weight inverse variance, up to the factor that `correct` is given
+  /// Adds a measurement, which must be finite.
+  /// @param weight inverse variance, up to the factor `information` of `correct`
   void add(const MeasurementRow& row, double weight) noexcept {
     if (waiting_ == kMost) add_squares();
     for (std::size_t j = 0; j < kNumbers; ++j) rows_.row[j][waiting_] = row[j];
@@ -25,7 +25,7 @@ class KalmanMeasurements {
     ++count_;
   }
 
-  /// Batch version: a measurement in each of the first `count` lanes; the others must be finite.
+  /// Adds the measurements in the first `count` lanes; the other lanes must be finite.
   [[gnu::always_inline]] void add(const std::array<simd::Lanes, MeasurementRows::kNumbers>& rows,
                                   const simd::Lanes& weights, std::size_t count) noexcept {
     if (waiting_ + simd::kLanes > kMost) add_squares();
@@ -36,6 +36,7 @@ class KalmanMeasurements {
     count_ += static_cast<int>(count);
   }
 
+  /// Discards all measurements.
   void clear() noexcept {
     count_ = 0;
     waiting_ = 0;
@@ -44,9 +45,10 @@ class KalmanMeasurements {
 
   int count() const noexcept { return count_; }
 
-  /// Corrects an error state and its covariance by the measurements. False, and nothing has changed, if the covariance
-  /// was not positive definite or no measurement was finite.
-  /// @param information of a measurement of weight 1
+  /// Corrects an error state and its covariance by all measurements; to be followed by `clear`.
+  /// @param information inverse variance of a measurement of weight 1
+  /// @return false, and nothing has changed, if the covariance was not positive definite or the measurements were not
+  /// finite; true if there are no measurements
   [[gnu::noinline]] bool correct(ErrorCovariance& P, ErrorState& error, double information) noexcept {
     if (count_ == 0) return true;
     if (count_ > kFew) {
@@ -55,7 +57,7 @@ class KalmanMeasurements {
     }
     bool applied = false;
     simd::in_packs([&](auto bits) __attribute__((always_inline)) {
-      constexpr std::size_t kBits = bits, kTogether = kBits > 128 ? 4 : 2;  // whose numbers fit into the registers
+      constexpr std::size_t kBits = bits, kTogether = kBits > 128 ? 4 : 2;  // as many as fit into the registers
       std::size_t i = 0;
       for (; i + kTogether <= waiting_; i += kTogether) applied |= apply<kTogether, kBits>(i, information, P, error);
       if constexpr (kTogether > 2)
@@ -71,10 +73,11 @@ class KalmanMeasurements {
  private:
   static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
                                kStates = MeasurementRows::kStates;
-  static constexpr int kFew = 12;             // measured: from there on, it is faster to condense them
-  static constexpr double kRounding = 1e-14;  // what it leaves of a sum of squares
+  static constexpr int kFew = 12;             // measurements; by timing, more are faster condensed
+  static constexpr double kRounding = 1e-14;  // relative error that rounding may leave of a sum of squares
 
-  // A measurement that cannot be applied is left out.
+  // Applies `kCount` measurements, or one by one those that can be if they cannot be applied together. Returns false if
+  // none was.
   template <std::size_t kCount, std::size_t kBits>
   [[gnu::always_inline]] bool apply(std::size_t first, double information, ErrorCovariance& P,
                                     ErrorState& error) const noexcept {
@@ -91,7 +94,7 @@ class KalmanMeasurements {
     return applied;
   }
 
-  // Adds w [J; d] [J; d]^T of the rows that wait to the lower triangle, lane by lane.
+  // Adds w [J; d] [J; d]^T of the waiting rows to the squares, lane by lane. Then no row is waiting.
   [[gnu::noinline]] void add_squares() noexcept {
     simd::in_wide_vectors([&]() __attribute__((always_inline)) {
       for (std::size_t i = waiting_; i % simd::kLanes != 0; ++i) {
@@ -121,8 +124,9 @@ class KalmanMeasurements {
           squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
   }
 
-  // Makes eight measurements with the same information as the squares S = sum of w [J; d] [J; d]^T: of S = L D L^T, the
-  // columns of L, D their weights. A direction without information has none.
+  // Replaces all measurements by eight with the same information. These are the first eight columns of L in S = L D
+  // L^T, where S is the sum of w [J; d] [J; d]^T, and their weights are on the diagonal of D. A direction without
+  // information gets weight 0.
   [[gnu::noinline]] void condense() noexcept {
     double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
     std::size_t place = 0;
@@ -153,12 +157,12 @@ class KalmanMeasurements {
     waiting_ = kStates;
   }
 
-  MeasurementRows rows_;  // that are not in the squares yet
-  // Lower triangle, by columns, of the sum of w [J; d] [J; d]^T, if begun.
+  MeasurementRows rows_;  // waiting: not yet added to the squares
+  // Lower triangle, by columns, of the sum of w [J; d] [J; d]^T in each lane; void until `squares_begun_`.
   alignas(64) std::array<simd::Lanes, kNumbers*(kNumbers + 1) / 2> squares_{};
   bool squares_begun_ = false;
-  int count_ = 0;
-  std::size_t waiting_ = 0;
+  int count_ = 0;            // measurements since `clear`
+  std::size_t waiting_ = 0;  // rows in `rows_`
 };
 
 }  // namespace evmarker
