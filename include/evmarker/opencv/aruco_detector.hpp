@@ -1,5 +1,5 @@
 #pragma once
-// Finds ArUco and AprilTag markers in a frame of last polarities.
+// Detector of ArUco and AprilTag markers in a frame of last polarities.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -30,20 +30,21 @@
 
 namespace evmarker::opencv {
 
+/// Which markers to find, and how much of a marker a frame must show.
 struct ArucoDetectorSettings {
   std::string dictionary = "DICT_4X4_50";  ///< OpenCV's name of a predefined dictionary
   double marker_length = 0.10;             ///< side of the black square [m]
   std::vector<MarkerId> ids = {};          ///< the markers to find; empty: the whole dictionary
   double min_side_px = 15;                 ///< smaller markers are ignored
-  double min_agreement = 0.9;     ///< share of the marker's area that must look as its code demands, see `read_code`
-  double min_edge_support = 0.7;  ///< share of its edges that must be seen in the frame, see `FrameFit`
-  double max_alternative_ratio =
-      2.0;  ///< the second planar pose is reported if its error is at most so many times larger
+  double min_agreement = 0.9;          ///< least share of the marker's area that agrees with its code, see `read_code`
+  double min_edge_support = 0.7;       ///< least share of its edges that the frame shows, see `FrameFit::support`
+  double max_alternative_ratio = 2.0;  ///< largest ratio of costs at which the second planar pose is reported
 };
 
-/// A `MarkerDetector` on OpenCV's ArUco. Last-polarity frames are ragged and half empty; OpenCV alone finds ids in them
-/// that are not there and corners that are pixels off. So a candidate's pose is fitted to all edges of its code, and it
-/// counts only if the frame then shows the edges and cells that its id demands. Copyable; not thread-safe.
+/// A `MarkerDetector` for the markers of OpenCV's ArUco dictionaries. Frames of last polarities are ragged and half
+/// empty; OpenCV's own detector finds wrong ids in them, and corners with errors of pixels. This detector fits the pose
+/// of every candidate to all edges of its code, and reports it only if the frame shows these edges and the cells of the
+/// code there. Copyable; not thread-safe.
 template <CameraModel Camera>
 class ArucoDetector {
  public:
@@ -61,7 +62,7 @@ class ArucoDetector {
     require(settings_.max_alternative_ratio >= 0, "max_alternative_ratio", settings_.max_alternative_ratio);
 
     for (MarkerId id = 0; id < dictionary_size(dictionary_); ++id)
-      if (wanted(id)) codes_.add(id, bits(id));
+      if (is_wanted(id)) codes_.add(id, bits(id));
   }
 
   /// The markers in a frame of the camera's size, each id at most once.
@@ -70,7 +71,7 @@ class ArucoDetector {
     require_size(frame.sensor_size());
     image_ = guess_image(frame);
     t_ = frame.t();
-    std::map<MarkerId, std::vector<CodeBook::Reading>> readings;  // one outline may allow several quadrilaterals
+    std::map<MarkerId, std::vector<CodeBook::Reading>> readings;  // several quadrilaterals may fit one outline
     const auto read_quads = [&](const cv::Mat& dark) {
       for (const DarkQuad& quad : find_dark_quads(dark, settings_.min_side_px))
         if (const auto reading = codes_.read(image_, quad)) readings[reading->id].push_back(*reading);
@@ -82,25 +83,25 @@ class ArucoDetector {
     read_quads(without_whiskers);
 
     std::vector<MarkerDetection> detections;
-    for (auto& [id, of_marker] : readings)
-      if (const auto candidate = best_of(id, of_marker)) detections.push_back(candidate->detection);
+    for (auto& [id, readings_of_id] : readings)
+      if (const auto candidate = best_candidate(id, readings_of_id)) detections.push_back(candidate->detection);
     return detections;
   }
 
-  /// True if the last frame shows a marker's code at a pose, and no cell of it looks like the opposite.
+  /// True if the last frame given to `detect` shows most of a marker's code at a pose, and the opposite in no cell.
   bool shows(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
-    constexpr double kMostOfIt = 0.75;
+    constexpr double kLeastAgreement = 0.75;
     const CodeReading code = read_code(camera_, image_, bits(id), settings_.marker_length, T_camera_marker);
-    return code.contradicted == 0 && code.agreement >= kMostOfIt;
+    return code.contradicted == 0 && code.agreement >= kLeastAgreement;
   }
 
-  /// Searches the last frame for a marker that should be near a pose.
+  /// Searches the last frame given to `detect` for a marker near a pose; empty if it is not seen.
   std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     const auto fit = fit_pose(model(id), bits(id), T_camera_marker);
-    return fit ? std::optional(describe(id, fit->T_camera_marker)) : std::nullopt;
+    return fit ? std::optional(make_detection(id, fit->T_camera_marker)) : std::nullopt;
   }
 
-  /// The cells inside the border of a marker.
+  /// The code of a marker: the cells inside its border.
   /// @throws std::invalid_argument if the dictionary has no such id
   CodeBits bits(MarkerId id) const { return marker_bits(dictionary_, id, settings_.dictionary); }
 
@@ -111,33 +112,32 @@ class ArucoDetector {
   const ArucoDetectorSettings& settings() const noexcept { return settings_; }
 
  private:
-  static constexpr double kGood_px = 0.75;  // cost of a fit with nearly all edges where they should be
+  static constexpr double kGoodCost_px = 0.75;  // largest cost of a fit in which nearly all edges are right
 
   struct Candidate {
     MarkerDetection detection;
     double cost_px;
   };
 
-  // Of the clearest readings of a marker, the one that fits best.
-  std::optional<Candidate> best_of(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
-    constexpr int kTried = 3;
+  // Fits poses to the clearest readings of a marker. Returns the best fit; empty if none is good enough.
+  std::optional<Candidate> best_candidate(MarkerId id, std::vector<CodeBook::Reading>& readings) const {
+    constexpr int kMostFitted = 3;
     std::ranges::stable_sort(readings, std::greater<>(), &CodeBook::Reading::clarity);
     std::optional<Candidate> best;
-    int tried = 0;
-    for (auto reading = readings.begin(); reading != readings.end() && tried < kTried; ++reading) {
-      const auto same = [&](const CodeBook::Reading& other) {
-        return lead_to_one_pose(reading->corners, other.corners);
-      };
+    int fitted = 0;
+    for (auto reading = readings.begin(); reading != readings.end() && fitted < kMostFitted; ++reading) {
+      const auto same = [&](const CodeBook::Reading& other) { return nearly_equal(reading->corners, other.corners); };
       if (std::any_of(readings.begin(), reading, same)) continue;
-      ++tried;
-      const auto candidate = locate(id, reading->corners);
+      ++fitted;
+      const auto candidate = make_candidate(id, reading->corners);
       if (candidate && (!best || candidate->cost_px < best->cost_px)) best = candidate;
-      if (best && best->cost_px < kGood_px) break;  // no other reading is needed
+      if (best && best->cost_px < kGoodCost_px) break;  // no other reading is needed
     }
     return best;
   }
 
-  static bool lead_to_one_pose(const Quad& a, const Quad& b) {
+  // True if two quadrilaterals are so similar that a fit leads from both to the same pose.
+  static bool nearly_equal(const Quad& a, const Quad& b) {
     constexpr double kSame_px = 2;
     double farthest = 0;
     for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(a[i] - b[i]));
@@ -151,11 +151,12 @@ class ArucoDetector {
     throw std::invalid_argument("detector: frame is " + show(size) + " px, the camera " + show(expected) + " px");
   }
 
-  bool wanted(MarkerId id) const {
+  bool is_wanted(MarkerId id) const {
     return settings_.ids.empty() || std::ranges::find(settings_.ids, id) != settings_.ids.end();
   }
 
-  std::optional<Candidate> locate(MarkerId id, const Quad& corners) const {
+  // Fits poses to the frame, starting from both planar solutions for the corners. Empty if the frame supports none.
+  std::optional<Candidate> make_candidate(MarkerId id, const Quad& corners) const {
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
@@ -167,20 +168,21 @@ class ArucoDetector {
     const auto differs = [&](const FrameFit& fit) {
       return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
     };
-    if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));  // the starts led to one pose
+    // If both starts led to the same pose, try the other one.
+    if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
 
-    MarkerDetection detection = describe(id, fits[0].T_camera_marker);
+    MarkerDetection detection = make_detection(id, fits[0].T_camera_marker);
     const auto other = std::ranges::find_if(fits, differs);
-    // Where only one of both could be fitted at all, and that badly, the frame does not say that it is the right one.
+    // If only one of the two poses has been fitted, and badly, the other one may still be the true one.
     if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
-    else if (other == fits.end() && fits[0].cost_px > kGood_px)
+    else if (other == fits.end() && fits[0].cost_px > kGoodCost_px)
       detection.T_camera_marker_alternative = mirrored(fits[0].T_camera_marker);
     return Candidate{detection, fits[0].cost_px};
   }
 
-  // The pose whose image is nearly the same: tilted as much to the other side of the line of sight.
+  // The other planar pose with nearly the same image: tilted as much to the other side of the line of sight.
   static Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T_camera_marker) {
     const Vec3 normal = axis(T_camera_marker, 2),
                to_camera = -1 / norm(translation(T_camera_marker)) * translation(T_camera_marker);
@@ -191,7 +193,7 @@ class ArucoDetector {
     return T;
   }
 
-  MarkerDetection describe(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
+  MarkerDetection make_detection(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     MarkerDetection detection;
     detection.id = id;
     detection.t = t_;
@@ -202,8 +204,9 @@ class ArucoDetector {
     return detection;
   }
 
-  // Both poses that a square allows: they mirror its tilt. Solved for a square whose y and z point as the camera's do
-  // and whose top left is the topmost left corner: OpenCV's rotation vectors are wrong near half a turn.
+  // The two planar solutions for the corners of the marker; empty if the lens model has no line of sight for a corner.
+  // OpenCV's rotation vectors are wrong near half a turn. So the problem is solved for a square whose y and z axes
+  // point as the camera's, and whose first corner is the one nearest to the image's top left.
   std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
     const double h = settings_.marker_length / 2;
     const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
@@ -216,7 +219,7 @@ class ArucoDetector {
       undistorted.emplace_back(M.x(), M.y());
     }
     Eigen::Matrix3d R_square_marker = so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)});
-    for (int i = 3; i < 9; ++i) R_square_marker.data()[i] *= -1;  // its y up and its z toward the camera
+    for (int i = 3; i < 9; ++i) R_square_marker.data()[i] *= -1;  // the marker's y is up, its z toward the camera
     std::vector<cv::Mat> rotations, translations;
     cv::solvePnPGeneric(points, undistorted, cv::Matx33d::eye(), cv::noArray(), rotations, translations, false,
                         cv::SOLVEPNP_IPPE);
@@ -231,13 +234,13 @@ class ArucoDetector {
     return poses;
   }
 
-  // How far from an edge its step is searched: not to the next edge of the code.
+  // How far to each side of an edge its step is searched [px]: less than the distance to the next edge of the code.
   double reach_px(const Eigen::Isometry3d& T) const {
     const double marker_px = camera_.focal_length() * settings_.marker_length / translation(T).z;
     return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
   }
 
-  // Nothing where the frame does not bear the marker out.
+  // Fits a pose to the frame, starting from T. Empty if the frame does not show enough of the marker's edges and code.
   std::optional<FrameFit> fit_pose(const MarkerModel& wireframe, const CodeBits& code,
                                    const Eigen::Isometry3d& T) const {
     const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(T));
@@ -252,8 +255,8 @@ class ArucoDetector {
   ArucoDetectorSettings settings_;
   cv::aruco::Dictionary dictionary_;
   CodeBook codes_;
-  cv::Mat image_;  // of the last frame
-  Timestamp t_ = 0;
+  cv::Mat image_;    // guessed from the last frame
+  Timestamp t_ = 0;  // of the last frame
 };
 
 }  // namespace evmarker::opencv

@@ -1,5 +1,6 @@
 #pragma once
-// ArUco in OpenCV's two shapes: contrib module up to 4.6, objdetect from 4.7. Nothing else depends on the version.
+// One interface to both versions of OpenCV's ArUco: in the contrib modules up to 4.6, in objdetect from 4.7 on. No
+// other header depends on the version.
 #include <algorithm>
 #include <array>
 #include <opencv2/core.hpp>
@@ -43,7 +44,7 @@ inline void detect_markers(const cv::Mat& image, const cv::aruco::Dictionary& di
 
 namespace evmarker::opencv {
 
-/// Every dictionary that all supported OpenCV versions have, by OpenCV's own name.
+/// Names and numbers of the dictionaries that all supported versions of OpenCV have.
 inline constexpr auto kDictionaries = std::to_array<std::pair<std::string_view, int>>({
     {"DICT_4X4_50", cv::aruco::DICT_4X4_50},
     {"DICT_4X4_100", cv::aruco::DICT_4X4_100},
@@ -68,8 +69,8 @@ inline constexpr auto kDictionaries = std::to_array<std::pair<std::string_view, 
     {"DICT_APRILTAG_36h11", cv::aruco::DICT_APRILTAG_36h11},
 });
 
-/// A predefined dictionary by name, e.g. "DICT_4X4_50".
-/// @throws std::invalid_argument with the unknown name and all that exist
+/// A predefined dictionary by OpenCV's name, e.g. "DICT_4X4_50".
+/// @throws std::invalid_argument naming the unknown name and all known ones
 inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
   for (const auto& [known, index] : kDictionaries)
     if (known == name) return detail::predefined_dictionary(index);
@@ -81,7 +82,7 @@ inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
 /// Number of markers in a dictionary; their ids count from 0.
 inline int dictionary_size(const cv::aruco::Dictionary& dictionary) { return dictionary.bytesList.rows; }
 
-/// The cells inside a marker's border, rows from top to bottom, 1 white.
+/// The code of a marker: the cells inside its border, rows from top to bottom, 1 white, 0 black.
 /// @param name of the dictionary, for the error
 /// @throws std::invalid_argument with the id and the size of the dictionary
 inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id, std::string_view name = "the dictionary") {

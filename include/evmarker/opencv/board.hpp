@@ -1,5 +1,5 @@
 #pragma once
-// Boards from files: which markers are where on them.
+// Reading of boards from files.
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 #include <stdexcept>
@@ -13,10 +13,11 @@
 
 namespace evmarker::opencv {
 
-/// Reads a board: `board`, the id of the whole, and `markers`, a list of maps `id`, `length` [m], `rotation` (vector
-/// along the axis, as long as the angle [rad]) and `translation` [m] of T_board_marker.
+/// Reads a board from a file with the fields `board`, its id, and `markers`, a list of maps `id`, `length` [m],
+/// `rotation` (vector along the axis, as long as the angle [rad]) and `translation` [m] of T_board_marker.
 /// @param dictionary OpenCV's name of the predefined dictionary that the markers are from
-/// @throws std::runtime_error with file, field and value; std::invalid_argument for a dictionary that there is not
+/// @throws std::runtime_error naming file, field and value
+/// @throws std::invalid_argument naming an unknown dictionary
 inline Board load_board(const std::string& path, std::string_view dictionary) {
   const detail::SettingsFile file("board", path);
   const cv::aruco::Dictionary codes = make_dictionary(dictionary);

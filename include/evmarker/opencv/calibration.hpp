@@ -1,5 +1,5 @@
 #pragma once
-// Camera calibrations as OpenCV and ROS write them, in YAML, XML or JSON.
+// Reading and writing of camera calibrations in the formats of OpenCV and ROS.
 #include <cerrno>
 #include <fstream>
 #include <opencv2/core.hpp>
@@ -15,6 +15,7 @@ namespace evmarker::opencv {
 
 namespace detail {
 
+// True if the file says that its distortion is a fisheye lens's; by default it is not.
 inline bool is_fisheye(const SettingsFile& file) {
   for (const char* field : {"fisheye", "fisheye_model"})
     if (file.has(field)) return file.flag(field);
@@ -30,6 +31,7 @@ inline bool is_fisheye(const SettingsFile& file) {
   return false;
 }
 
+// Fails for more than the coefficients that the library has.
 inline Distortion read_distortion(const SettingsFile& file) {
   const std::string field = "distortion_coefficients";
   std::vector<double> k = file.matrix(field);
@@ -51,9 +53,10 @@ inline Distortion read_distortion(const SettingsFile& file) {
 
 }  // namespace detail
 
-/// Reads `image_width image_height camera_matrix distortion_coefficients` and, where there, `distortion_model` or
-/// `fisheye`, as OpenCV's FileStorage (YAML, XML, JSON) and ROS's camera_info (YAML) write them.
-/// @throws std::runtime_error with file, field and value
+/// Reads a calibration as OpenCV's FileStorage (YAML, XML, JSON) or ROS's camera_info (YAML) write it: the fields
+/// `image_width`, `image_height`, `camera_matrix`, `distortion_coefficients` and, optionally, `fisheye` or
+/// `fisheye_model`, or else `distortion_model` or `camera_model`.
+/// @throws std::runtime_error naming file, field and value
 inline PinholeCamera load_calibration(const std::string& path) {
   const detail::SettingsFile file("calibration", path);
   const SensorSize size{file.positive_integer("image_width"), file.positive_integer("image_height")};
@@ -72,8 +75,9 @@ inline PinholeCamera load_calibration(const std::string& path) {
   return PinholeCamera(size, k[0], k[4], k[2], k[5], detail::read_distortion(file));
 }
 
-/// Writes a calibration that `load_calibration` and OpenCV read; YAML, or XML or JSON by the ending of the path.
-/// @throws std::runtime_error with the path that cannot be written
+/// Writes a calibration that `load_calibration` and OpenCV read: as XML or JSON if the path ends in .xml or .json, else
+/// as YAML.
+/// @throws std::runtime_error naming the path that cannot be written
 inline void save_calibration(const std::string& path, const PinholeCamera& camera) {
   const auto ends_with = [&](const char* ending) { return path.ends_with(ending); };
   const std::string format = ends_with(".xml") ? ".xml" : ends_with(".json") ? ".json" : ".yml";

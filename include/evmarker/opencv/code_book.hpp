@@ -1,5 +1,5 @@
 #pragma once
-// Which marker a quadrilateral in an image is, by its cells.
+// Identification of the marker in a quadrilateral of an image by its cells.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -18,16 +18,18 @@
 
 namespace evmarker::opencv {
 
-/// The codes that may be seen. Bits may be missing or wrong as long as a quadrilateral with random cells would hardly
-/// be taken for a marker.
+/// Identifies markers by their codes. Bits may be unknown or wrong, as long as a quadrilateral with random cells would
+/// hardly be taken for a marker.
 class CodeBook {
  public:
+  /// A marker that was identified.
   struct Reading {
     MarkerId id = 0;
     Quad corners;        ///< from the marker's top left clockwise
-    double clarity = 0;  ///< 1 if its outline is all seen and every part of the cells looks right, less otherwise
+    double clarity = 0;  ///< 1 if all of its outline is seen and all samples of its cells are right; less otherwise
   };
 
+  /// Adds a marker. The codes of all markers must be squares of the same size, at most 8 x 8 cells.
   void add(MarkerId id, const CodeBits& code) {
     cells_ = static_cast<int>(code.rows()) + 2;
     CodeBits seen = code;
@@ -43,14 +45,17 @@ class CodeBook {
     for (int bits = 0; bits <= inside() * inside(); ++bits) allowed_.push_back(allowed_errors(bits));
   }
 
-  /// Reads the cells of a quadrilateral, in an image of 0 dark, 255 bright, 128 unknown.
+  /// Identifies the marker in a quadrilateral; empty if no code, or more than one, agrees best with its cells, or if
+  /// none agrees well enough.
+  /// @param image 8 bit: 0 dark, 255 bright, 128 unknown
   std::optional<Reading> read(const cv::Mat& image, const DarkQuad& quad) const {
-    const Cells cells = look_at(image, quad.corners);
+    const Cells cells = sample_cells(image, quad.corners);
     if (cells.border < kLeastBorder) return std::nullopt;
     const int known = std::popcount(cells.known);
-    // A short code says little, so all of it must be right, and the outline must speak for the marker, too.
-    const bool clear = known == inside() * inside() && quad.seen >= kOutlineSeen;
-    const int allowed = std::max(allowed_[static_cast<std::size_t>(known)], clear ? 0 : -1);
+    // If the code is so short that even without errors it could be random, it is accepted without errors if its outline
+    // is seen well.
+    const bool complete = known == inside() * inside() && quad.seen >= kOutlineSeen;
+    const int allowed = std::max(allowed_[static_cast<std::size_t>(known)], complete ? 0 : -1);
     int best = allowed + 1;
     const Entry* found = nullptr;
     bool unique = true;
@@ -73,18 +78,20 @@ class CodeBook {
     std::size_t turn;  // which corner of the quadrilateral is the marker's top left
   };
   struct Cells {
-    std::uint64_t white = 0, known = 0;
-    double border = 0;         // share of its cells that are dark
-    int border_sum = 0;        // brightness of all samples of the border
-    std::array<int, 64> sums;  // the same of each cell inside, from the last one on
+    std::uint64_t white = 0, known = 0;  // one bit per cell inside, the last cell in the lowest bit
+    double border = 0;                   // share of the border's cells that are dark
+    int border_sum = 0;                  // of the samples of the border: 1 bright, -1 dark, 0 unknown
+    std::array<int, 64> sums;            // of the samples of each cell inside, from the last cell to the first
   };
-  static constexpr double kLeastBorder = 0.75;
-  static constexpr double kOutlineSeen = 0.8;
-  static constexpr double kFalseAlarms = 1e-4;  // of quadrilaterals with random cells
-  static constexpr int kSide = 3;               // samples of a cell, to each side
+  static constexpr double kLeastBorder = 0.75;  // of Cells::border
+  static constexpr double kOutlineSeen = 0.8;   // of DarkQuad::seen, for short codes
+  static constexpr double kFalseAlarms = 1e-4;  // share of quadrilaterals with random cells
+  static constexpr int kSide = 3;               // of the grid of samples of a cell
 
+  // Number of cells along a side, without the border.
   int inside() const { return cells_ - 2; }
 
+  // The bits of a code row by row, the last one in the lowest bit.
   static std::uint64_t word_of(const CodeBits& bits) {
     std::uint64_t word = 0;
     for (Eigen::Index row = 0; row < bits.rows(); ++row)
@@ -93,7 +100,8 @@ class CodeBook {
     return word;
   }
 
-  // How many of a number of random bits may differ from a code; -1: there are too few bits.
+  // The largest number of errors in so many known bits at which random bits would agree with a code of the book in at
+  // most kFalseAlarms of the cases; -1 if even bits without errors would do so more often.
   int allowed_errors(int bits) const {
     const double codes = static_cast<double>(entries_.size());
     double ways = 1, sum = 0;
@@ -106,6 +114,7 @@ class CodeBook {
     return errors;
   }
 
+  // Share of right minus share of wrong samples, given the code.
   double clarity(const Cells& cells, std::uint64_t code) const {
     int sum = -cells.border_sum;
     for (int i = 0; i < inside() * inside(); ++i)
@@ -113,7 +122,8 @@ class CodeBook {
     return sum / static_cast<double>(cells_ * cells_ * kSide * kSide);
   }
 
-  Cells look_at(const cv::Mat& image, const Quad& quad) const {
+  // Samples all cells of a quadrilateral.
+  Cells sample_cells(const cv::Mat& image, const Quad& quad) const {
     const auto side = static_cast<float>(cells_);
     const cv::Point2f square[4] = {{0, 0}, {side, 0}, {side, side}, {0, side}};
     cv::Point2f corners[4];
@@ -126,7 +136,7 @@ class CodeBook {
       const int seen = image.at<uchar>(y, x);
       return (seen > 128) - (seen < 128);
     };
-    constexpr int kKnown = 2;  // more samples of a cell that look like its value than like the other
+    constexpr int kKnown = 2;  // least difference between bright and dark samples of a known cell
     Cells cells;
     int dark_border = 0, inner = inside() * inside();
     for (int row = 0; row < cells_; ++row)
@@ -149,8 +159,8 @@ class CodeBook {
   }
 
   std::vector<Entry> entries_;
-  std::vector<int> allowed_;  // errors, by number of known bits
-  int cells_ = 2;             // along a side, border included
+  std::vector<int> allowed_;  // allowed errors, by number of known bits
+  int cells_ = 2;             // number of cells along a side, border included
 };
 
 }  // namespace evmarker::opencv

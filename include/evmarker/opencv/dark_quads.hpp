@@ -1,5 +1,5 @@
 #pragma once
-// Dark quadrilaterals in an image whose outlines are ragged, interrupted and have whiskers.
+// Search for dark quadrilaterals with ragged and interrupted outlines.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,10 +13,10 @@
 
 namespace evmarker::opencv {
 
-/// The corners of a convex quadrilateral in the image [px], clockwise as one sees it.
+/// The corners of a convex quadrilateral [px], clockwise as seen in the image.
 using Quad = std::array<Vec2, 4>;
 
-/// A dark quadrilateral that was found.
+/// A dark quadrilateral in an image.
 struct DarkQuad {
   Quad corners;
   double seen = 0;  ///< share of its outline along which there are straight edges
@@ -24,18 +24,19 @@ struct DarkQuad {
 
 namespace detail {
 
-// A straight piece of a contour, with the dark area on its right as one sees it.
+// A straight piece of a contour, with the dark area on its right as seen in the image.
 struct Side {
   Vec2 from, to;  // [px]
   Vec2 along;     // unit vector
 
   double length() const { return dot(to - from, along); }
+  // Distance of a point from the line, positive on its right.
   double distance(Vec2 p) const { return cross(p - from); }
   double cross(Vec2 v) const { return along.x * v.y - along.y * v.x; }
 };
 
-// The line through the points of a contour from one to another, both included, that fits best; moved outwards from the
-// centres of the outermost dark pixels to their rims.
+// Fits a line to the points of a contour from `first` to `last`, both included, and moves it outwards by half a pixel,
+// from the centres of the outermost dark pixels to their outer edges.
 inline Side fit_side(const std::vector<cv::Point>& contour, std::size_t first, std::size_t last) {
   const std::size_t size = contour.size(), count = (last + size - first) % size + 1;
   const std::size_t skip = std::min<std::size_t>(count / 6, 3);  // corners are rounded
@@ -62,11 +63,12 @@ inline Side fit_side(const std::vector<cv::Point>& contour, std::size_t first, s
   return {foot + dot(along, a - foot) * along, foot + dot(along, b - foot) * along, along};
 }
 
-// The longest straight pieces of a contour, in the order in which one walks around it.
+// The longest straight pieces of a contour, clockwise; the contour itself is made clockwise. Empty if it has less than
+// four corners.
 inline std::vector<Side> sides_of(std::vector<cv::Point>& contour, double min_length_px) {
   constexpr std::size_t kMost = 14;
-  constexpr double kRagged_px = 1.6, kBent = 0.015;  // how far a straight piece may be from straight
-  if (cv::contourArea(contour, true) < 0) std::ranges::reverse(contour);  // clockwise: the dark area on the right
+  constexpr double kRagged_px = 1.6, kBent = 0.015;  // tolerance of straightness: in px, as a share of the contour
+  if (cv::contourArea(contour, true) < 0) std::ranges::reverse(contour);  // to clockwise
   const cv::Rect box = cv::boundingRect(contour);
   std::vector<cv::Point> polygon;
   cv::approxPolyDP(contour, polygon, std::max(kRagged_px, kBent * std::max(box.width, box.height)), true);
@@ -90,11 +92,12 @@ inline std::vector<Side> sides_of(std::vector<cv::Point>& contour, double min_le
   return sides;
 }
 
+// The intersection of two lines; not finite if they are parallel.
 inline Vec2 intersection(const Side& a, const Side& b) {
   return a.from + b.cross(a.from - b.from) / -b.cross(a.along) * a.along;
 }
 
-// Share of the way between two corners along which straight pieces of the contour lie.
+// Share of the line between two corners along which there are straight pieces of the contour.
 inline double covered(const std::vector<Side>& sides, Vec2 from, Vec2 to) {
   constexpr double kBeside_px = 2;
   const double length = norm(to - from);
@@ -110,10 +113,11 @@ inline double covered(const std::vector<Side>& sides, Vec2 from, Vec2 to) {
   return sum / length;
 }
 
-// The quadrilateral of four sides, if they bound one.
+// The quadrilateral that four sides bound, if it is large enough and enough of its outline consists of straight pieces.
+// `last_unseen`: the last side is assumed, and none of it need be seen.
 inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::array<Side, 4>& sides,
                                        double min_side_px, bool last_unseen) {
-  constexpr double kLeastOfSide = 0.3, kLeast = 0.6;  // of the outline that must be straight pieces of the contour
+  constexpr double kLeastOfSide = 0.3, kLeast = 0.6;  // share of a side, and of the outline, that is seen
   Quad quad;
   for (std::size_t i = 0; i < 4; ++i) {
     quad[i] = intersection(sides[(i + 3) % 4], sides[i]);
@@ -133,7 +137,8 @@ inline std::optional<DarkQuad> quad_of(const std::vector<Side>& all, const std::
   return DarkQuad{quad, seen / outline};
 }
 
-// All quadrilaterals that four of the sides bound, in their order, or three, and the ends of the first and the last.
+// Adds all quadrilaterals that are bounded by four sides of a contour in their order, or by three sides and the line
+// that joins the end of the third with the start of the first.
 inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::vector<DarkQuad>& quads) {
   const auto turns = [](const Side& a, const Side& b) { return a.cross(b.along) > 0.25; };
   const auto opposite = [](const Side& a, const Side& b) { return dot(a.along, b.along) < -0.5; };
@@ -151,7 +156,7 @@ inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::v
           if (!turns(c, d) || !turns(d, a) || !opposite(b, d)) return;
           if (const auto quad = quad_of(sides, {a, b, c, d}, min_side_px, unseen)) quads.push_back(*quad);
         };
-        for (std::size_t k = j + 1; first + k < count; ++k) close(side(k), false);  // begun with the first of the four
+        for (std::size_t k = j + 1; first + k < count; ++k) close(side(k), false);  // so that each is found once
         const Vec2 way = a.from - c.to;
         if (norm(way) > min_side_px) close({c.to, a.from, way / norm(way)}, true);
       }
@@ -161,10 +166,11 @@ inline void add_quads(const std::vector<Side>& sides, double min_side_px, std::v
 
 }  // namespace detail
 
-/// The quadrilaterals that the dark areas (not 0) of a mask have as their outlines, all of them that the straight
-/// pieces of an outline allow: whiskers and neighbours may hang on to it, pieces of it may be missing, and the whole of
-/// one side, since an edge along the motion makes no events; the sides next to it then end where the corners are.
-/// @param min_side_px of the shortest side
+/// Finds all quadrilaterals that the straight pieces of the outline of a dark area allow. The area may have whiskers or
+/// touch others. Pieces of the outline may be missing, even a whole side, as an edge that moves along itself causes no
+/// events; the corners are then the ends of the neighbouring sides.
+/// @param dark mask, 8 bit, not 0 where dark
+/// @param min_side_px least length of a side
 inline std::vector<DarkQuad> find_dark_quads(const cv::Mat& dark, double min_side_px) {
   std::vector<std::vector<cv::Point>> contours;
   std::vector<cv::Vec4i> hierarchy;
@@ -172,8 +178,8 @@ inline std::vector<DarkQuad> find_dark_quads(const cv::Mat& dark, double min_sid
   std::vector<DarkQuad> quads;
   for (std::size_t c = 0; c < contours.size(); ++c) {
     constexpr double kForeshortened = 0.7;  // a diamond's box is larger than its sides
-    constexpr double kShortest = 0.3;       // of a side
-    if (hierarchy[c][3] >= 0) continue;     // the rim of a hole
+    constexpr double kShortest = 0.3;       // straight piece, relative to min_side_px
+    if (hierarchy[c][3] >= 0) continue;     // the outline of a hole
     const cv::Rect box = cv::boundingRect(contours[c]);
     if (std::min(box.width, box.height) < kForeshortened * min_side_px) continue;
     detail::add_quads(detail::sides_of(contours[c], kShortest * min_side_px), min_side_px, quads);

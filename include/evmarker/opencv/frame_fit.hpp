@@ -1,5 +1,5 @@
 #pragma once
-// How well a marker's pose agrees with a frame of last polarities, and the pose nearby that agrees best.
+// Fit of a marker's pose to a frame of last polarities, and comparison of a marker's code with the frame.
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -11,36 +11,38 @@
 
 namespace evmarker::opencv {
 
-/// What the edges of a model found in a frame.
+/// A pose, and how well the edges of a model agree with a frame there.
 struct FrameFit {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
   double support = 0;    ///< share of the edges' length along which the frame steps from bright to dark
-  double cost_px = 0;    ///< root mean square distance of the edges to these steps, a missing step counted as 2 px
-  double offset_px = 0;  ///< how far inside the dark areas the steps lie: more than 0 where these look too small
+  double cost_px = 0;    ///< root mean square distance of the edges from these steps; missing ones count as 2 px
+  double offset_px = 0;  ///< distance of the steps from the edges into the dark areas, which look too small by it
 };
 
 namespace detail {
 
-// 1 last seen brighter, -1 last seen darker, 0 nothing seen there, or outside the frame.
+// The frame at a pixel: 1 bright, -1 dark, 0 unknown or outside the frame.
 inline double brightness(const cv::Mat& frame, Vec2 pixel) {
   if (!(pixel.x > -0.5 && pixel.y > -0.5 && pixel.x < frame.cols - 0.5 && pixel.y < frame.rows - 0.5)) return 0;
   return (frame.at<uchar>(cvRound(pixel.y), cvRound(pixel.x)) - 128) / 128.0;
 }
 
-// Signed distance [px] along the normal from `at` to the place with the most brightness before and darkness behind it;
-// nothing where less than half of the way looks like that, or the step is at the end of the reach.
+// Signed distance [px] along the normal from a point to the step that best separates bright pixels before from dark
+// ones behind it. Empty unless the right samples outnumber the wrong ones by half of all samples, or if the step is at
+// the end of the reach.
 inline std::optional<double> find_step(const cv::Mat& frame, Vec2 at, Vec2 normal, double reach_px) {
   constexpr double kStride = 0.5;  // [px]
   const int reach = static_cast<int>(std::lround(reach_px / kStride));
-  const auto seen = [&](int i) { return brightness(frame, at + kStride * i * normal); };
+  const auto brightness_at = [&](int i) { return brightness(frame, at + kStride * i * normal); };
   double score = 0;
-  for (int i = -reach; i <= reach; ++i) score -= seen(i);
-  double best = reach + 0.5;  // half of the 2 reach + 1 samples
+  for (int i = -reach; i <= reach; ++i) score -= brightness_at(i);
+  double best = reach + 0.5;  // least score: half of the 2 reach + 1 samples
   int ties = 0, sum = 0;
-  for (int i = -reach; i <= reach; ++i) {  // bright before sample i, dark from it on
+  // Here `score` is that of a step before sample i: bright samples before it, dark ones from it on.
+  for (int i = -reach; i <= reach; ++i) {
     if (score > best) best = score, ties = sum = 0;
     if (score == best) ++ties, sum += i;
-    score += 2 * seen(i);
+    score += 2 * brightness_at(i);
   }
   if (ties == 0) return std::nullopt;
   const double step = static_cast<double>(sum) / ties - 0.5;
@@ -56,20 +58,21 @@ Vec2 project(const Camera& camera, Vec3 point) {
   return Eigen::Vector2d(camera.project(point));
 }
 
-// A point of an edge and how its image moves.
+// A point of an edge, with its image and the derivative of that.
 struct EdgePoint {
-  Vec3 E;       // [m, camera frame]
-  Vec2 e;       // its pixel
+  Vec3 E;       // the point [m, camera frame]
+  Vec2 e;       // its image [px]
   Vec2 normal;  // of the edge in the image, toward the dark side
   Vec3 g;       // d(normal . e) / dE [px/m]
 };
 
-// Nothing where the lens model has no image of the point.
+// Projects a point E of an edge of direction S; all vectors are in the camera frame. Empty if the lens model has no
+// image of it.
 template <CameraModel Camera>
 std::optional<EdgePoint> project_edge(const Camera& camera, Vec3 E, Vec3 S, Vec3 dark_side) {
   const Vec2 e = project(camera, E);
   const double h = 1e-6 * E.z;
-  // The derivative of the pixel by the point, through the lens.
+  // Numerical derivatives of the image by the point.
   const Vec2 by_x = (project(camera, E + Vec3(h, 0, 0)) - e) / h, by_y = (project(camera, E + Vec3(0, h, 0)) - e) / h,
              by_z = (project(camera, E + Vec3(0, 0, h)) - e) / h;
   const auto image_of = [&](Vec3 v) { return v.x * by_x + v.y * by_y + v.z * by_z; };
@@ -80,7 +83,8 @@ std::optional<EdgePoint> project_edge(const Camera& camera, Vec3 E, Vec3 S, Vec3
   return EdgePoint{E, e, normal, {dot(normal, by_x), dot(normal, by_y), dot(normal, by_z)}};
 }
 
-// Calls `visit` with points along all edges of a model, 2 px apart; false where the camera does not see one of them.
+// Calls `visit` with points along all edges of a model, 2 px apart in the image. Returns false if an edge is not wholly
+// in front of the camera or has no image; it then may have visited some points.
 template <CameraModel Camera, typename Visit>
 bool for_each_edge_point(const Camera& camera, const MarkerModel& model, const Eigen::Isometry3d& T, Visit&& visit) {
   constexpr double kDistancePx = 2;
@@ -101,11 +105,13 @@ bool for_each_edge_point(const Camera& camera, const MarkerModel& model, const E
   return true;
 }
 
-// Sums over the points of all edges: how far each is from its step, and the normal equations that bring them there.
+// Sums over the points of all edges: squared distances from their steps, and the normal equations of the fit.
 class EdgeResiduals {
  public:
+  // Adds a point without a step.
   void add_missing() { ++points_; }
 
+  // Adds a point at a signed distance from its step. `origin` is the marker's centre [m, camera frame].
   void add(const EdgePoint& point, Vec3 origin, double distance_px) {
     constexpr double kHuberPx = 1;
     const Vec3 g = point.g, turning = cross(point.E - origin, g);
@@ -125,9 +131,9 @@ class EdgeResiduals {
   double support() const { return static_cast<double>(found_) / points_; }
   double cost_px() const { return std::sqrt((squares_ + kMissingPx * kMissingPx * (points_ - found_)) / points_); }
 
-  // The Gauss-Newton step, damped in units that make translation, rotation and offset comparable.
+  // The Gauss-Newton step, damped after scaling that makes translation, rotation and offset comparable.
   Vector7 step(double offset_px) const {
-    // The offset stays near zero where only an outline is seen: there it cannot be separated from the distance.
+    // A weak prior keeps the offset near 0 where only an outline is seen: there it cannot be separated from the depth.
     constexpr double kOffsetWeight = 10, kDamping = 1e-4;
     Matrix77 H = H_;
     Vector7 b = b_;
@@ -147,7 +153,7 @@ class EdgeResiduals {
     return step;
   }
 
-  // How far a step moves the edges, root mean square.
+  // Weighted root mean square motion of the edges by a step [px].
   double moved_px(const Vector7& step) const {
     double squares = 0;
     for (int k = 0; k < 7; ++k)
@@ -164,7 +170,7 @@ class EdgeResiduals {
   int points_ = 0, found_ = 0;
 };
 
-// Nothing where the camera does not see the model.
+// Searches the steps of all edges at a pose and an offset. Empty if not all of the model has an image.
 template <CameraModel Camera>
 std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame, const MarkerModel& model,
                                      const FrameFit& fit, double reach_px) {
@@ -182,12 +188,14 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
 
 }  // namespace detail
 
-/// Moves a pose so that the model's edges fall on the steps from bright to dark in the frame (8 bit, 128 where nothing
-/// was seen): Gauss-Newton with Huber weights over pose and one offset, by which all dark areas look too small because
-/// pixels that sense the logarithm of light fire on the dark side of a blurred edge.
-/// @param reach_px how far to each side of an edge its step is searched
-/// @return the pose as it was where the frame shows hardly a step (see `support`); nothing where the model is not in
-/// front of the camera or the lens model has no image of it
+/// Fits a pose so that the model's edges lie on the steps from bright to dark in a frame: Gauss-Newton with Huber
+/// weights over the pose and one offset. By this offset all dark areas look too small, because pixels that sense the
+/// logarithm of light fire on the dark side of a blurred edge.
+/// @param frame 8 bit: 0 dark, 255 bright, 128 unknown
+/// @param T_camera_marker pose to start from
+/// @param reach_px distance to each side of an edge within which its step is searched
+/// @return the fit, which ends early, possibly at the first pose, where the frame shows hardly a step (see `support`);
+/// empty if the model is not in front of the camera, the lens model has no image of it, or a step is not finite
 template <CameraModel Camera>
 std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame, const MarkerModel& model,
                                      const Eigen::Isometry3d& T_camera_marker, double reach_px, int iterations = 10) {
@@ -212,14 +220,16 @@ std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame,
   }
 }
 
-/// What a frame shows of a code marker at a pose.
+/// How well a frame agrees with a marker's code at a pose.
 struct CodeReading {
-  double agreement = 0;  ///< share of the area, border included, that is black or white as the code demands
-  int contradicted = 0;  ///< cells that look mostly like the opposite
+  double agreement = 0;  ///< share of the samples, border included, that are black or white as in the code
+  int contradicted = 0;  ///< number of cells with more wrong than right samples
 };
 
-/// Compares the middle of every cell of a code marker, `length` wide [m], with what its code demands; pixels at which
-/// nothing was seen agree with nothing and contradict nothing.
+/// Compares samples from the middle of every cell of a code marker with its code. Unknown pixels are neither right nor
+/// wrong.
+/// @param frame 8 bit: 0 dark, 255 bright, 128 unknown
+/// @param length side of the black square [m]
 template <CameraModel Camera>
 CodeReading read_code(const Camera& camera, const cv::Mat& frame, const CodeBits& bits, double length,
                       const Eigen::Isometry3d& T_camera_marker) {

@@ -1,5 +1,5 @@
 #pragma once
-// The image behind a frame of last polarities, guessed where no edge has passed yet.
+// Reconstruction of a black-and-white image from a frame of last polarities.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -15,10 +15,10 @@ namespace detail {
 inline constexpr std::uint8_t kUnseen = PolarityFrame::kUntouched;
 inline constexpr int kBlock = 3;  // side [px] of the blocks whose motion is estimated
 
-// The last polarities without the noise, which would cast votes, too: a pixel keeps its polarity if two neighbours
-// share it (the edge of a slow marker is a thin line), and takes the one that most of its neighbours have.
+// The last polarities without noise. A pixel takes the polarity that at least five of the 3 x 3 pixels around it have,
+// or else keeps its own if at least two neighbours share it, as the edge of a slow marker is a thin line.
 inline cv::Mat_<std::uint8_t> without_noise(const cv::Mat& pixels) {
-  constexpr int kMost = 5, kLine = 3;  // of the 3x3 pixels
+  constexpr int kMajority = 5, kLine = 3;  // of the 3 x 3 pixels
   const auto count = [&](std::uint8_t polarity) {
     cv::Mat_<std::uint8_t> sum;
     cv::boxFilter((pixels == polarity) / 255, sum, CV_8U, {3, 3}, {-1, -1}, false, cv::BORDER_CONSTANT);
@@ -26,35 +26,38 @@ inline cv::Mat_<std::uint8_t> without_noise(const cv::Mat& pixels) {
   };
   const cv::Mat_<std::uint8_t> on = count(PolarityFrame::kOn), off = count(PolarityFrame::kOff);
   cv::Mat_<std::uint8_t> seen(pixels.size(), kUnseen);
-  seen.setTo(PolarityFrame::kOn, (on >= kMost) | ((pixels == PolarityFrame::kOn) & (on >= kLine) & (off < kMost)));
-  seen.setTo(PolarityFrame::kOff, (off >= kMost) | ((pixels == PolarityFrame::kOff) & (off >= kLine) & (on < kMost)));
+  seen.setTo(PolarityFrame::kOn,
+             (on >= kMajority) | ((pixels == PolarityFrame::kOn) & (on >= kLine) & (off < kMajority)));
+  seen.setTo(PolarityFrame::kOff,
+             (off >= kMajority) | ((pixels == PolarityFrame::kOff) & (off >= kLine) & (on < kMajority)));
   return seen;
 }
 
-// Low bits of two times, nearer than half an hour: how much later the first is [us].
+// How much later time a is than time b [us], limited to 20 ms. Both are low 32 bits of times at most 35 minutes apart.
 inline float later_us(std::uint32_t a, std::uint32_t b) {
-  constexpr float kAnotherPassage = 20000;  // [us]: two edges that passed at different times have no common direction
+  constexpr float kAnotherPassage = 20000;  // [us]: longer differences are those between two edges
   return std::clamp(static_cast<float>(static_cast<std::int32_t>(a - b)), -kAnotherPassage, kAnotherPassage);
 }
 
-// Where the edges are going that left their polarity in these pixels: unit vectors toward the later events around each
-// of them, averaged over four pixels to each side; one for every block. Averaged along an edge it is the edge's normal,
-// near a corner the motion itself. Only among pixels of one polarity: the other one was left by another edge, or by
-// this one before it turned back.
-inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& left, const PolarityFrame& frame) {
+// Directions of motion of the edges that passed these pixels, as unit vectors, one for every block; zero where unknown.
+// Each is the mean, over 3 x 3 blocks, of the pixels' directions toward the later events among their neighbours:
+// along an edge its normal, near a corner the motion itself.
+// @param passed pixels (not 0) of one polarity: the other one is due to another edge, or to this one before it turned
+// back
+inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& passed, const PolarityFrame& frame) {
   constexpr int kWindow = 3;       // [blocks]
-  constexpr float kAgreed = 0.2f;  // where the events do not agree, no direction is better than a wrong one
+  constexpr float kAgreed = 0.2f;  // least length of the mean; if pixels disagree, no direction beats a wrong one
   const auto length_of = [](float x, float y) { return std::sqrt(x * x + y * y); };
-  const int width = left.cols;
+  const int width = passed.cols;
   const auto time = [&](int y, int x) { return frame.times()[static_cast<std::size_t>(y * width + x)]; };
-  cv::Mat_<cv::Vec3f> sum((left.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
-  for (int y = 1; y + 1 < left.rows; ++y)
+  cv::Mat_<cv::Vec3f> sum((passed.rows + kBlock - 1) / kBlock, (width + kBlock - 1) / kBlock, cv::Vec3f(0, 0, 0));
+  for (int y = 1; y + 1 < passed.rows; ++y)
     for (int x = 1; x + 1 < width; ++x) {
-      if (!left(y, x)) continue;
+      if (!passed(y, x)) continue;
       cv::Vec2f later(0, 0);
       for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx)
-          if (left(y + dy, x + dx))
+          if (passed(y + dy, x + dx))
             later +=
                 later_us(time(y + dy, x + dx), time(y, x)) * cv::Vec2f(static_cast<float>(dx), static_cast<float>(dy));
       const float length = length_of(later[0], later[1]);
@@ -69,7 +72,8 @@ inline cv::Mat_<cv::Vec2f> motion_of_blocks(const cv::Mat_<std::uint8_t>& left, 
   return motion;
 }
 
-// Casts a vote for a brightness over the unseen pixels that follow from (x, y) in a direction; near ones count more.
+// Votes for a brightness of the unseen pixels that follow (x, y) in a direction, up to the first seen one. The vote
+// gets weaker with the distance.
 inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const cv::Vec2f& direction, float brightness,
                        int reach_px, cv::Mat_<float>& votes) {
   constexpr float kNear = 5;  // [px]
@@ -83,19 +87,18 @@ inline void cast_votes(const cv::Mat_<std::uint8_t>& seen, int x, int y, const c
 
 }  // namespace detail
 
-/// The black-and-white image that the last polarities stand for: 255 bright, 0 dark, 128 unknown. The pixels that an
-/// edge has swept show what it left behind it; ahead of it, where nothing happened yet, it must be the opposite, and
-/// before the place where the edge came from, the same. The times decide which end of the swept strip is which. So a
-/// marker is seen after a pixel of motion, while the polarities alone show it only when the motion exceeds its largest
-/// plain area.
+/// Reconstructs a black-and-white image from the last polarities: 255 bright, 0 dark, 128 unknown. The pixels that an
+/// edge has swept have the brightness behind the edge. The unseen pixels ahead of it must have the opposite one, and
+/// those behind the swept strip the same. The times of the events give the direction of motion. So a marker is seen
+/// after a pixel of motion; the polarities alone show it only when the motion exceeds its largest plain area.
 inline cv::Mat guess_image(const PolarityFrame& frame) {
   const SensorSize size = frame.sensor_size();
   const cv::Mat pixels(size.height, size.width, CV_8U,
                        const_cast<std::uint8_t*>(frame.pixels().data()));  // read only; cv::Mat has no const view
   const cv::Mat_<std::uint8_t> seen = detail::without_noise(pixels);
   const auto motion_of = [&](std::uint8_t polarity) {
-    const cv::Mat left = (seen == polarity) & (pixels == polarity);
-    return detail::motion_of_blocks(left, frame);
+    const cv::Mat passed = (seen == polarity) & (pixels == polarity);
+    return detail::motion_of_blocks(passed, frame);
   };
   const cv::Mat_<cv::Vec2f> motion_on = motion_of(PolarityFrame::kOn), motion_off = motion_of(PolarityFrame::kOff);
   const int reach_px = std::max(size.width, size.height) / 5;  // half of the largest plain area that matters

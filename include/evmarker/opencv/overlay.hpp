@@ -1,5 +1,5 @@
 #pragma once
-// Pictures of events, markers and poses.
+// Drawing of events, markers and poses.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -19,7 +19,7 @@
 
 namespace evmarker::opencv {
 
-/// Colours (blue, green, red) that keep events and markers apart on a dark ground.
+/// Colours (blue, green, red) of events, markers and text on a dark background.
 namespace color {
 inline const cv::Scalar kGround(28, 24, 22);
 inline const cv::Scalar kOn(178, 138, 84);
@@ -30,6 +30,7 @@ inline const cv::Scalar kLost(90, 90, 255);
 inline const cv::Scalar kText(240, 240, 240);
 }  // namespace color
 
+/// The colour of a marker in a tracking state.
 inline cv::Scalar state_color(TrackingState state) {
   switch (state) {
     case TrackingState::converging: return color::kConverging;
@@ -43,7 +44,8 @@ namespace detail {
 
 constexpr int kSubpixelBits = 4;
 
-// Sub-pixel fixed point of a sensor pixel in a picture that is `scale` times larger; the centre of pixel 0 moves too.
+// A sensor pixel in a picture that is `scale` times larger, as a fixed-point coordinate with kSubpixelBits for OpenCV.
+// Integers are centres of pixels, so that pixel 0 does not stay at 0.
 inline cv::Point fixed_point(const Eigen::Vector2d& pixel, double scale) {
   const auto fixed = [&](double v) {
     const double limited = std::clamp((v + 0.5) * scale - 0.5, -20000.0, 20000.0);
@@ -52,6 +54,7 @@ inline cv::Point fixed_point(const Eigen::Vector2d& pixel, double scale) {
   return {fixed(pixel.x()), fixed(pixel.y())};
 }
 
+// Picture pixels per sensor pixel; throws std::invalid_argument if the picture does not fit the camera.
 template <CameraModel Camera>
 double scale_of(const cv::Mat& picture, const Camera& camera) {
   const SensorSize size = camera.sensor_size();
@@ -62,12 +65,12 @@ double scale_of(const cv::Mat& picture, const Camera& camera) {
   return static_cast<double>(picture.cols) / size.width;
 }
 
-// A straight edge in space is a curve behind a lens.
+// Draws an edge [m, camera frame] in pieces, as a straight edge is a curve behind a lens.
 template <CameraModel Camera>
 void draw_edge(cv::Mat& picture, const Camera& camera, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
                const cv::Scalar& edge_color, int thickness, double scale) {
   constexpr int kPieces = 8;
-  constexpr double kNearest = 1e-3;  // [m]: nothing closer has an image
+  constexpr double kNearest = 1e-3;  // [m] in front of the camera: no closer piece is drawn
   for (int i = 0; i < kPieces; ++i) {
     const Eigen::Vector3d a = from + (to - from) * (static_cast<double>(i) / kPieces);
     const Eigen::Vector3d b = from + (to - from) * (static_cast<double>(i + 1) / kPieces);
@@ -91,7 +94,8 @@ inline cv::Size text_size(const cv::Mat& picture, const std::string& text) {
 
 }  // namespace detail
 
-/// Text on a dark plate, legible over events; `at` is the plate's top left corner [px of the picture].
+/// Draws text on a dark rectangle, so that it is legible over events.
+/// @param at top left corner of the rectangle [px of the picture]
 inline void draw_text(cv::Mat& picture, const std::string& text, cv::Point at, const cv::Scalar& text_color) {
   const cv::Size size = detail::text_size(picture, text);
   cv::rectangle(picture, {at.x, at.y, size.width + 8, size.height + 6}, color::kGround, cv::FILLED);
@@ -99,7 +103,7 @@ inline void draw_text(cv::Mat& picture, const std::string& text, cv::Point at, c
               detail::text_scale(picture), text_color, detail::line_width(picture), cv::LINE_AA);
 }
 
-/// Lines of text in the picture's top left corner.
+/// Draws lines of text in the picture's top left corner.
 template <std::ranges::input_range Lines>
 void draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
   int y = 8;
@@ -109,7 +113,8 @@ void draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
   }
 }
 
-/// An empty dark picture, `scale` picture pixels to a sensor pixel.
+/// An empty dark picture with `scale` picture pixels to a sensor pixel, along each axis.
+/// @throws std::invalid_argument if the size or the scale is not positive
 inline cv::Mat make_picture(SensorSize size, int scale = 1) {
   if (size.width < 1 || size.height < 1 || scale < 1)
     throw std::invalid_argument("overlay: no picture of " + std::to_string(size.width) + " x " +
@@ -117,15 +122,16 @@ inline cv::Mat make_picture(SensorSize size, int scale = 1) {
   return cv::Mat(size.height * scale, size.width * scale, CV_8UC3, color::kGround);
 }
 
-/// The frame of last polarities in colour, `scale` picture pixels to a sensor pixel.
-/// @param fade age at which an event has faded into the ground; zero: they stay
+/// A picture of the frame of last polarities, with `scale` picture pixels to a sensor pixel, along each axis.
+/// @param fade age at which an event has faded into the background; zero: events do not fade
+/// @throws std::invalid_argument if the scale is not positive
 inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1, std::chrono::microseconds fade = {}) {
   const SensorSize size = frame.sensor_size();
   cv::Mat enlarged = make_picture(size, scale), picture = make_picture(size);
   constexpr std::uint32_t kShades = 64;
-  std::array<std::array<cv::Vec3b, kShades>, 2> shades;  // of OFF and ON, by age
+  std::array<std::array<cv::Vec3b, kShades>, 2> shades;  // of OFF and ON, by age [lifetime / kShades]
   for (std::uint32_t age = 0; age < kShades; ++age) {
-    const double left = std::pow(1 - static_cast<double>(age) / kShades, 2);  // the newest edge stands out
+    const double left = std::pow(1 - static_cast<double>(age) / kShades, 2);  // squared: the newest edge stands out
     const auto shade = [&](const cv::Scalar& c) {
       const cv::Scalar mixed = left * c + (1 - left) * color::kGround;
       return cv::Vec3b(cv::Vec4b(mixed).val);
@@ -133,7 +139,7 @@ inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1, std::chrono
     shades[0][age] = shade(color::kOff);
     shades[1][age] = shade(color::kOn);
   }
-  const auto newest = static_cast<std::uint32_t>(frame.t());  // ages are right for 35 minutes
+  const auto newest = static_cast<std::uint32_t>(frame.t());  // with times of 32 bits, ages are right to 35 minutes
   const auto lifetime = static_cast<std::uint64_t>(std::max<std::int64_t>(fade.count(), 0));
   auto pixel = frame.pixels().begin();
   auto time = frame.times().begin();
@@ -149,7 +155,8 @@ inline cv::Mat draw_frame(const PolarityFrame& frame, int scale = 1, std::chrono
   return enlarged;
 }
 
-/// Events onto a picture of the sensor (see `make_picture`); those off the sensor are left out.
+/// Draws events into a picture from `make_picture`, except those off the sensor.
+/// @throws std::invalid_argument if the picture is no colour picture of a multiple of the sensor's size
 template <std::ranges::input_range Events>
 requires EventLike<std::ranges::range_value_t<Events>>
 void draw_events(cv::Mat& picture, SensorSize size, const Events& events) {
@@ -163,7 +170,7 @@ void draw_events(cv::Mat& picture, SensorSize size, const Events& events) {
       picture(cv::Rect(x * scale, y * scale, scale, scale)).setTo(Traits::on(event) ? color::kOn : color::kOff);
 }
 
-/// All edges of a model at a pose that are on faces turned to the camera, through the camera's lens.
+/// Draws the edges of a model at a pose, through the camera's lens, except those on faces turned away from the camera.
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
 void draw_wireframe(cv::Mat& picture, const Camera& camera, const MarkerModel& model,
@@ -177,7 +184,7 @@ void draw_wireframe(cv::Mat& picture, const Camera& camera, const MarkerModel& m
   }
 }
 
-/// The marker's axes: x red, y green, z (out of the marker) blue, each `length` [m] long.
+/// Draws the marker's axes: x red, y green, z (out of the marker) blue, each `length` [m] long.
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
 void draw_axes(cv::Mat& picture, const Camera& camera, const Eigen::Isometry3d& T_camera_marker, double length) {
@@ -189,7 +196,7 @@ void draw_axes(cv::Mat& picture, const Camera& camera, const Eigen::Isometry3d& 
                       2 * detail::line_width(picture) + 1, scale);
 }
 
-/// A tracked marker: its edges in the colour of its state, its axes; beside it id, state and what else there is to say.
+/// Draws a tracked marker: its edges in the colour of its state, its axes, and beside it its id, its state and a note.
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
 void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& model, const PoseEstimate& pose,

@@ -1,5 +1,5 @@
 #pragma once
-// Files of named fields that OpenCV's FileStorage reads, with errors that name file, field and value.
+// Reading of files of named fields with OpenCV's FileStorage; errors name file, field and value.
 #include <Eigen/Core>
 #include <cerrno>
 #include <cmath>
@@ -14,12 +14,12 @@
 
 namespace evmarker::opencv::detail {
 
-// A file of named fields under reading; every error is one line: file, field, value.
+// A YAML, XML or JSON file of named fields. All errors are std::runtime_error with one line: file, field, value.
 class SettingsFile {
  public:
-  // `kind` is what errors call the file.
+  // `kind` describes the file in errors.
   SettingsFile(std::string kind, const std::string& path) : kind_(std::move(kind)), path_(path) {
-    // Read here and not by FileStorage, which prints a message of its own about a file that it cannot open.
+    // The file is not read by FileStorage, which prints a message of its own if it cannot open it.
     errno = 0;
     std::ifstream file(path, std::ios::binary);
     std::ostringstream content;
@@ -28,7 +28,7 @@ class SettingsFile {
     std::string text = content.str();
     const auto first = text.find_first_not_of(" \t\r\n");
     if (first == std::string::npos) fail("is empty");
-    // ROS writes plain YAML, OpenCV insists on the directive.
+    // OpenCV requires the YAML directive, which ROS does not write.
     if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
       text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
     try {
@@ -39,12 +39,14 @@ class SettingsFile {
     if (!storage_.isOpened() || !storage_.root().isMap()) fail("is neither YAML, XML nor JSON with named fields");
   }
 
+  // Throws an error about the file.
   [[noreturn]] void fail(const std::string& reason) const {
     throw std::runtime_error(kind_ + " " + path_ + ": " + reason);
   }
 
   bool has(const std::string& field) const { return !storage_[field].empty(); }
 
+  // A whole number from 1 to 65536.
   int positive_integer(const std::string& field) const {
     const double value = number(required(field), field);
     if (!(value > 0 && value <= 65536 && value == std::floor(value)))
@@ -58,6 +60,7 @@ class SettingsFile {
     return static_cast<std::string>(node);
   }
 
+  // true or false, or a number: true unless it is 0.
   bool flag(const std::string& field) const {
     const cv::FileNode node = required(field);
     if (node.isString()) {
@@ -68,7 +71,7 @@ class SettingsFile {
     return number(node, field) != 0;
   }
 
-  // Elements row by row; read by hand because ROS leaves out the tag by which OpenCV recognises a matrix.
+  // The elements of a matrix, row by row. ROS does not write the tag by which OpenCV would recognise a matrix.
   std::vector<double> matrix(const std::string& field) const {
     const cv::FileNode node = required(field);
     if (!node.isMap() || node["rows"].empty() || node["cols"].empty() || node["data"].empty())
@@ -90,19 +93,20 @@ class SettingsFile {
     return out.str();
   }
 
+  // A field that must be there.
   cv::FileNode required(const std::string& field) const {
     if (!has(field)) fail("no field " + field);
     return storage_[field];
   }
 
-  // A field of a map inside of the file, which errors call `place`.
+  // A field of a map in the file; `place` is the name of the map in errors.
   cv::FileNode field(const cv::FileNode& map, const std::string& place, const char* name) const {
     const cv::FileNode node = map[name];
     if (node.empty()) fail(place + " has no field " + name);
     return node;
   }
 
-  // Three numbers; `field` is what errors call the node.
+  // Three numbers; `field` is the name of the node in errors.
   Eigen::Vector3d vector(const cv::FileNode& node, const std::string& field) const {
     if (!node.isSeq() || node.size() != 3) fail(field + " is not a list of 3 numbers");
     Eigen::Vector3d vector;
@@ -110,7 +114,7 @@ class SettingsFile {
     return vector;
   }
 
-  // Ids, and numbers of things.
+  // A whole number from 0 to 1e9; `field` is the name of the node in errors.
   int whole_number(const cv::FileNode& node, const std::string& field) const {
     const double value = number(node, field);
     if (!(value >= 0 && value <= 1e9 && value == std::floor(value)))
@@ -118,7 +122,7 @@ class SettingsFile {
     return static_cast<int>(value);
   }
 
-  // `field` is what errors call the node.
+  // A finite number; `field` is the name of the node in errors.
   double number(const cv::FileNode& node, const std::string& field) const {
     if (!node.isInt() && !node.isReal())
       fail(field + " is " + (node.isString() ? "\"" + static_cast<std::string>(node) + "\", " : "") + "not a number");

@@ -1,5 +1,5 @@
 #pragma once
-// Bodies of straight edges from files.
+// Reading of wireframes from files.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -18,7 +18,7 @@ namespace evmarker::opencv {
 
 namespace detail {
 
-// The number of one of the vertices.
+// An edge's field with the index of a vertex. `place` is the name of the edge in errors.
 inline int read_vertex_number(const SettingsFile& file, const cv::FileNode& edge, const std::string& place,
                               const char* field, std::size_t vertices) {
   const int number = file.whole_number(file.field(edge, place, field), place + " " + field);
@@ -28,7 +28,7 @@ inline int read_vertex_number(const SettingsFile& file, const cv::FileNode& edge
   return number;
 }
 
-// A unit vector; zero where the file does not have it.
+// An edge's field with a direction, as a unit vector; zero if the file does not have it.
 inline Eigen::Vector3d read_direction(const SettingsFile& file, const cv::FileNode& edge, const std::string& place,
                                       const char* field) {
   if (edge[field].empty()) return Eigen::Vector3d::Zero();
@@ -58,12 +58,12 @@ inline MarkerSegment read_edge(const SettingsFile& file, const cv::FileNode& nod
   edge.dark_side = read_direction(file, node, place, "dark_side");
   edge.face_normal = read_direction(file, node, place, "face_normal");
 
-  constexpr double kHardly = 0.1;  // sine of 6 degrees: more than rounded numbers make
+  constexpr double kHardly = 0.1;  // sine of 6 degrees: more than rounding of the numbers in the file causes
   if (std::abs(edge.face_normal.dot(along)) > kHardly)
     file.fail(place + " face_normal is not perpendicular to the edge, which then is not on that face");
   if (edge.dark_side.isZero()) return edge;
-  // A direction into the dark face, such as to its middle, is what people have at hand. Of it only the part across the
-  // edge says on which side it is dark; where there is hardly any, the side that was meant is unknown.
+  // The file may have any direction into the dark face, such as to its middle. Only its component across the edge says
+  // on which side it is dark; if that is hardly there, the side is ambiguous.
   if (edge.dark_side.cross(along).norm() < kHardly)
     file.fail(place + " dark_side lies along the edge: it must point to one of its sides");
   edge.dark_side = (edge.dark_side - along * along.dot(edge.dark_side)).normalized();
@@ -72,12 +72,12 @@ inline MarkerSegment read_edge(const SettingsFile& file, const cv::FileNode& nod
 
 }  // namespace detail
 
-/// Reads a body of straight edges: `wireframe`, its id; `vertices`, a list of lists of three coordinates [m]; `edges`,
-/// a list of maps `from`, `to` (numbers of vertices, from 0 on) and, where they are known, `dark_side` (a vector from
-/// the edge into its darker side, of which the part across the edge counts) and `face_normal` (out of the face that the
-/// edge is on, which hides it from behind); and, where it is known, `start`, a map of `rotation` (vector along the
-/// axis, as long as the angle [rad]) and `translation` [m] of T_camera_wireframe at the first event.
-/// @throws std::runtime_error with file, vertex or edge, field and value
+/// Reads a wireframe from a file with the fields `wireframe`, its id; `vertices`, a list of lists of three coordinates
+/// [m]; `edges`, a list of maps `from`, `to` (numbers of vertices, from 0 on) and, where they are known, `dark_side` (a
+/// vector from the edge into its darker side, of which the part across the edge counts) and `face_normal` (out of the
+/// face that the edge is on, which hides it from behind); and, where it is known, `start`, a map of `rotation` (vector
+/// along the axis, as long as the angle [rad]) and `translation` [m] of T_camera_wireframe at the first event.
+/// @throws std::runtime_error naming file, vertex or edge, field and value
 inline Wireframe load_wireframe(const std::string& path) {
   const detail::SettingsFile file("wireframe", path);
   Wireframe body;
@@ -90,7 +90,7 @@ inline Wireframe load_wireframe(const std::string& path) {
   for (const cv::FileNode& node : edges) {
     const std::string place = "edges[" + std::to_string(body.model.segments.size()) + "]";
     const MarkerSegment edge = detail::read_edge(file, node, place, body.model.vertices);
-    // Of two that lie on each other no event would be clearly the one's or the other's.
+    // Events could not be assigned to one of two edges between the same vertices.
     for (std::size_t i = 0; i < body.model.segments.size(); ++i)
       if (std::minmax(edge.from, edge.to) == std::minmax(body.model.segments[i].from, body.model.segments[i].to))
         file.fail(place + " joins the same vertices as edges[" + std::to_string(i) + "]");

@@ -1,5 +1,5 @@
 #pragma once
-// Looks for a wireframe near a rough pose until its events show it, a bounded step with every event.
+// Search for a wireframe near a rough pose, with a bounded amount of work for every event.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -22,15 +22,17 @@
 
 namespace evmarker {
 
+/// How far around a start pose to search, and when to accept a pose.
 struct StartPoseSearchSettings {
-  double reach_share = 0.18;    ///< StartPoseReach::sideways_px of a start pose, of the wireframe's size in the image
-  double depth_share = 0.1;     ///< of the depth
-  double rotation_rad = 0.105;  ///< about the line of sight
+  double reach_share = 0.18;    ///< StartPoseReach::sideways_px, as a share of the wireframe's size in the image
+  double depth_share = 0.1;     ///< StartPoseReach::depth_share
+  double rotation_rad = 0.105;  ///< StartPoseReach::rotation_rad
   double false_alarms = 1e-6;   ///< share of the searches in mere noise that may end with a pose
-  double wrong_basins = 1e-3;   ///< share of the poses found that may belong to another place of the wireframe
-  std::optional<std::chrono::microseconds> longest{};  ///< then it is given up; not at all if empty
+  double wrong_basins = 1e-3;   ///< share of the poses found from which a tracker may not converge to the true one
+  std::optional<std::chrono::microseconds> longest{};  ///< camera time after which the search is given up; empty: never
 };
 
+/// Rejects settings that make no sense.
 /// @throws std::invalid_argument naming the setting that is out of range
 inline void validate(const StartPoseSearchSettings& settings) {
   const Require require("start search");
@@ -43,19 +45,20 @@ inline void validate(const StartPoseSearchSettings& settings) {
   if (settings.longest) require(settings.longest->count() > 0, "longest [us]", settings.longest->count());
 }
 
-/// Counts the events near a wireframe and searches, again and again, for the pose at which they speak for its edges:
-/// all shifts, depths and turns within reach, then all six degrees of freedom in ever smaller steps. It believes a pose
-/// when noise anywhere within reach would hardly ever look as good, and no other pose does either.
+/// Counts the events near a wireframe and searches, again and again, for the pose at which they give the most evidence
+/// for its edges (see `PoseGridSearch`). A pose is accepted when noise anywhere within reach would hardly ever reach
+/// its evidence, and no other pose comes near it.
 ///
-/// Each event does at most kMostLookUps look-ups, whatever the resolution, distance and reach: 20 to 40 us. All memory
-/// is allocated by the constructor. The region around the wireframe has at most kSide x kSide cells, of a pixel or
-/// more.
+/// Every event costs at most kMostLookUps look-ups (20 to 40 us), whatever the resolution, distance and reach. All
+/// memory is allocated by the constructor.
 class StartPoseSearch {
  public:
+  /// A search ends when a pose is found, or when it is given up after StartPoseSearchSettings::longest.
   enum class State { searching, found, given_up };
 
   /// @param focal_length [px]
-  /// @param image the sensor, undistorted, from the principal point [px]
+  /// @param image the undistorted image of the sensor [px from the principal point]
+  /// @param T_rough T_camera_marker at about the first event
   /// @throws std::invalid_argument naming the setting that is out of range
   StartPoseSearch(MarkerModel model, double focal_length, const Box& image, const Eigen::Isometry3d& T_rough,
                   const StartPoseSearchSettings& settings)
@@ -64,22 +67,22 @@ class StartPoseSearch {
     restart(T_rough);
   }
 
-  /// Searches around another pose, as far as the settings say.
+  /// Starts a new search around another pose, with the reach of the settings. Does not allocate.
   void restart(const Eigen::Isometry3d& T_rough) noexcept {
     restart(T_rough, {settings_.reach_share * image_box(model_, focal_length_, T_rough).size(), settings_.depth_share,
                       settings_.rotation_rad});
   }
 
-  /// Searches around another pose, as far as is said. Does not allocate.
+  /// Starts a new search around another pose, with another reach. Does not allocate.
   void restart(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
-    lay_out(T_rough, reach);
+    set_region_and_grid(T_rough, reach);
     state_ = State::searching;
-    since_.reset();
-    earned_ = kMostEarned;
+    first_t_.reset();
+    budget_ = kFullBudget;
     forget();
   }
 
-  /// Forgets the events so far: there is a gap behind them.
+  /// Discards all events so far, as needed after a gap in the events; the search goes on.
   void forget() noexcept {
     counts_.restart();
     recent_.clear();
@@ -88,11 +91,13 @@ class StartPoseSearch {
     scale_ = FadingCounts::kScales - 1;
   }
 
-  /// Takes an event with its undistorted pixel, counted from the principal point. True when it completes the search.
+  /// Takes an event and does a part of the search; does nothing if the search has ended.
+  /// @param u the event's undistorted pixel [px from the principal point]
+  /// @return true if the search ends with this event
   bool push(const Event& event, Vec2 u) noexcept {
     if (state_ != State::searching) return false;
-    if (!since_) since_ = last_ = event.t;
-    if (settings_.longest && event.t > *since_ && event.t - *since_ > settings_.longest->count()) {
+    if (!first_t_) first_t_ = last_t_ = event.t;
+    if (settings_.longest && event.t > *first_t_ && event.t - *first_t_ > settings_.longest->count()) {
       state_ = State::given_up;
       return true;
     }
@@ -100,46 +105,49 @@ class StartPoseSearch {
       counts_.add(static_cast<std::size_t>(cell), event.t);
       recent_.push(event);
     }
-    work(event.t);
+    do_work(event.t);
     return state_ != State::searching;
   }
 
   State state() const noexcept { return state_; }
   bool searching() const noexcept { return state_ == State::searching; }
-  /// The pose that was found, of the first event to replay.
+  /// The pose found, T_camera_marker at the time of the first event to replay. Valid once the state is `found`.
   const Eigen::Isometry3d& T_found() const noexcept { return grid_.T_best(); }
 
-  /// Once found, the events near the wireframe from about when it was there are to be replayed, one with each call
-  /// while `replaying()`. Until then `keep` takes the new ones.
-  bool replaying() const noexcept { return replayed_ != recent_.pushed(); }
-  const Event& replay() noexcept { return recent_.at(replayed_++); }
+  /// True while events near the wireframe, since about the time of the pose found, are left to replay.
+  bool replaying() const noexcept { return next_replayed_ != recent_.pushed(); }
+  /// The next event to replay. Requires `replaying()`.
+  const Event& replay() noexcept { return recent_.at(next_replayed_++); }
+  /// Takes a new event that comes in the meantime, to be replayed after the others.
   void keep(const Event& event) noexcept {
     recent_.push(event);
-    skip_forgotten();
+    skip_overwritten();
   }
 
-  /// Logarithm of the likelihood ratio of the best pose of the last search to noise [nats], how much it takes, and by
-  /// how much it is ahead of all others.
+  /// Of the last search: the evidence of its best pose, see `PoseGridSearch` [nats].
   double evidence() const noexcept { return grid_.evidence(); }
+  /// The evidence that a pose needs to be accepted [nats].
   double needed_evidence() const noexcept { return needed_nats_; }
+  /// Of the last search: the lead of its best pose over all others, see `PoseGridSearch` [nats].
   double lead() const noexcept { return grid_.lead(); }
-  /// Searches that were completed, and the look-ups that all of them took.
+  /// Number of completed searches since the construction, and of all look-ups.
   int searches() const noexcept { return searches_; }
   std::uint64_t look_ups() const noexcept { return look_ups_; }
-  static constexpr int kMostLookUps = 26000;  ///< for an event
+  static constexpr int kMostLookUps = 26000;  ///< largest number for one event
 
  private:
-  static constexpr int kSide = 256;    // [cells] of the region at most
-  static constexpr int kWork = 16384;  // look-ups for an event, after which the step that it was in is completed
-  // In the long run, so that noise or clutter without a marker does not keep a core busy; but a start is in a hurry.
-  static constexpr double kWorkPerUs = 500, kMostEarned = 2e7;  // look-ups for a microsecond, and saved up
-  static constexpr int kCellCost = 12;                          // of a cell in a pass of EdgeEvidence [look-ups]
-  static constexpr std::size_t kReplayed = 4096;
+  static constexpr int kSide = 256;               // largest width and height of the region [cells]
+  static constexpr int kLookUpsPerEvent = 16384;  // look-ups after which an event starts no further step
+  // No search begins while the budget is overdrawn, so that noise or clutter without a marker does not keep a core
+  // busy. The budget is full at the start, which is urgent.
+  static constexpr double kBudgetPerUs = 500, kFullBudget = 2e7;  // [look-ups/us], [look-ups]
+  static constexpr int kCellCost = 12;                            // of a cell in a pass of EdgeEvidence [look-ups]
+  static constexpr std::size_t kReplayed = 4096;                  // largest number of events to replay
 
-  enum class Phase { waiting, weighing, searching };
+  enum class Phase { waiting, computing_evidence, searching_grid };
 
-  // The region, the points and the grid, at the rough pose.
-  void lay_out(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
+  // Sets the region, the grid and the thresholds for a rough pose.
+  void set_region_and_grid(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
     const Box box = image_box(model_, focal_length_, T_rough);
     const double radius_px = std::max(1.0, box.size()) / 2;
     const double margin_px = reach.sideways_px + radius_px * (reach.depth_share + std::min(reach.rotation_rad, 1.0));
@@ -147,23 +155,27 @@ class StartPoseSearch {
     WireframePoints points;
     points.place(model_, focal_length_, T_rough, PoseGridSearch::kSpacing * region_.cell_px);
     least_events_ = 0.5 * points.length_px() / region_.cell_px;
-    grid_.lay(region_, points, focal_length_, T_rough, reach, radius_px);
+    grid_.set_grid(region_, points, focal_length_, T_rough, reach, radius_px);
     needed_nats_ = std::log(grid_.places() / settings_.false_alarms);
   }
 
-  void work(Timestamp t) noexcept {
-    earned_ = std::min(earned_ + kWorkPerUs * static_cast<double>(t > last_ ? elapsed_us(last_, t) : 0), kMostEarned);
-    last_ = t;
-    if (phase_ == Phase::waiting && (earned_ < 0 || !begin())) return;
+  // Tops up the budget, begins a search if none is under way, and does a bounded part of it.
+  void do_work(Timestamp t) noexcept {
+    budget_ =
+        std::min(budget_ + kBudgetPerUs * static_cast<double>(t > last_t_ ? elapsed_us(last_t_, t) : 0), kFullBudget);
+    last_t_ = t;
+    if (phase_ == Phase::waiting && (budget_ < 0 || !try_to_begin())) return;
     int done = 0;
-    while (done < kWork && phase_ != Phase::waiting) done += phase_ == Phase::weighing ? weigh() : search();
-    earned_ -= done;
+    while (done < kLookUpsPerEvent && phase_ != Phase::waiting)
+      done += phase_ == Phase::computing_evidence ? compute_evidence() : search_grid();
+    budget_ -= done;
     look_ups_ += static_cast<std::uint64_t>(done);
   }
 
-  // Searches when half of the edges' cells can have had an event and those on which it was tried last are mostly gone.
-  // Every time on longer memory, until that holds no more: then anew with the shortest.
-  bool begin() noexcept {
+  // Begins a search at the next longer time scale (after the longest, the shortest) with enough events: at least one
+  // for every second cell of the edges, and most of them newer than the last search at that scale. Returns false if
+  // none has.
+  bool try_to_begin() noexcept {
     for (int i = 1; i <= FadingCounts::kScales; ++i) {
       const int scale = (scale_ + i) % FadingCounts::kScales;
       const double events = counts_.total(scale);
@@ -172,38 +184,42 @@ class StartPoseSearch {
       scale_ = scale;
       tried_at_[static_cast<std::size_t>(scale)] = recent_.pushed();
       const auto back = std::min({static_cast<std::size_t>(events / 2), recent_.size(), kReplayed});
-      replayed_ = recent_.pushed() - back;
+      next_replayed_ = recent_.pushed() - back;
       evidence_.start(region_, scale, events);
-      phase_ = Phase::weighing;
+      phase_ = Phase::computing_evidence;
       return true;
     }
     return false;
   }
 
-  int weigh() noexcept {
+  // Does a step of EdgeEvidence; returns its cost.
+  int compute_evidence() noexcept {
     if (evidence_.step(counts_)) {
       grid_.start();
-      phase_ = Phase::searching;
+      phase_ = Phase::searching_grid;
     }
     return kCellCost * region_.width;
   }
 
-  int search() noexcept {
+  // Does a step of PoseGridSearch; returns its cost.
+  int search_grid() noexcept {
     const int cost = grid_.step(evidence_);
-    if (grid_.done()) judge();
+    if (grid_.done()) accept_or_wait();
     return cost;
   }
 
-  void judge() noexcept {
+  // Ends a search: its pose is accepted, or the next search waits for new events.
+  void accept_or_wait() noexcept {
     ++searches_;
     phase_ = Phase::waiting;
     if (evidence() < needed_nats_ || lead() < -std::log(settings_.wrong_basins)) return;
     state_ = State::found;
-    skip_forgotten();
+    skip_overwritten();
   }
 
-  void skip_forgotten() noexcept {
-    if (!recent_.reaches(replayed_)) replayed_ = recent_.pushed() - recent_.size();
+  // Skips events to replay that the ring no longer has.
+  void skip_overwritten() noexcept {
+    if (!recent_.reaches(next_replayed_)) next_replayed_ = recent_.pushed() - recent_.size();
   }
 
   StartPoseSearchSettings settings_;
@@ -213,22 +229,22 @@ class StartPoseSearch {
 
   CellRegion region_;
   PoseGridSearch grid_;
-  double needed_nats_ = 0, least_events_ = 0;
+  double needed_nats_ = 0, least_events_ = 0;  // evidence of an accepted pose, events of a search
 
   FadingCounts counts_{kSide * kSide};
   EdgeEvidence evidence_{kSide * kSide};
-  EventHistory recent_{2 * kReplayed};  // near the wireframe
-  std::optional<Timestamp> since_;      // the first event
-  Timestamp last_ = 0;                  // the last one
-  double earned_ = 0;                   // [look-ups]
+  EventHistory recent_{2 * kReplayed};  // events in the region
+  std::optional<Timestamp> first_t_;    // time of the first event
+  Timestamp last_t_ = 0;                // time of the last one
+  double budget_ = 0;                   // [look-ups], negative if overdrawn
 
   State state_ = State::searching;
   Phase phase_ = Phase::waiting;
-  int scale_ = 0;
-  std::array<std::uint64_t, FadingCounts::kScales> tried_at_{};  // positions in `recent_`
+  int scale_ = 0;                                                // time scale of the search
+  std::array<std::uint64_t, FadingCounts::kScales> tried_at_{};  // recent_.pushed() at the last search at each scale
   int searches_ = 0;
   std::uint64_t look_ups_ = 0;
-  std::uint64_t replayed_ = 0;
+  std::uint64_t next_replayed_ = 0;  // its position in `recent_`
 };
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// Points along the edges of a wireframe that are seen at a pose.
+// Points along the visible edges of a wireframe at a pose.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,8 +12,9 @@
 
 namespace evmarker {
 
-/// Calls `use(from, to, u, v)` for every edge in front of the camera that no face hides: its ends in the marker frame
-/// [m] and in the image [px from the principal point].
+/// Calls `use(from, to, u, v)` for every edge in front of the camera whose face is turned to the camera.
+/// `from` and `to` are its ends in the marker frame [m], `u` and `v` their undistorted images [px from the principal
+/// point].
 template <typename Use>
 void for_each_visible_edge(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                            const Use& use) noexcept {
@@ -26,7 +27,7 @@ void for_each_visible_edge(const MarkerModel& model, double focal_length, const 
   }
 }
 
-/// The box around the visible edges [px from the principal point]; a point where there are none.
+/// The box around the images of the visible edges [px from the principal point]; the origin if there are none.
 inline Box image_box(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker) noexcept {
   Box box;
   for_each_visible_edge(model, focal_length, T_camera_marker, [&](Vec3, Vec3, Vec2 u, Vec2 v) {
@@ -36,12 +37,14 @@ inline Box image_box(const MarkerModel& model, double focal_length, const Eigen:
   return box.empty() ? Box{{0, 0}, {0, 0}} : box;
 }
 
-/// At most kMost points at equal distances along the visible edges, in fixed memory.
+/// Points at equal distances in the image along the visible edges, in fixed memory.
 class WireframePoints {
  public:
-  static constexpr std::size_t kMost = 128;
+  static constexpr std::size_t kMost = 128;  ///< number of points
 
-  /// @param spacing_px wanted between neighbours; more where there would be too many points
+  /// Replaces the points by those along the edges that are visible at a pose.
+  /// @param focal_length [px]
+  /// @param spacing_px distance between neighbours; it is enlarged where there would be more than kMost points
   void place(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
              double spacing_px) noexcept {
     count_ = 0;
@@ -53,7 +56,7 @@ class WireframePoints {
     for_each_edge([&](Vec3, Vec3, Vec2 u, Vec2 v) { length_px_ += norm(v - u); });
     const double count = std::floor(std::clamp(length_px_ / spacing_px, 1.0, static_cast<double>(kMost)));
     const double spacing = length_px_ / count;
-    double next = spacing / 2;  // along the present edge [px]
+    double next = spacing / 2;  // distance of the next point from the start of the present edge [px]
     for_each_edge([&](Vec3 from, Vec3 to, Vec2 u, Vec2 v) {
       const double edge_px = norm(v - u);
       for (; next < edge_px && count_ < kMost; next += spacing)
@@ -63,13 +66,14 @@ class WireframePoints {
     centre_ = centre_ / static_cast<double>(std::max<std::size_t>(1, count_));
   }
 
+  /// The points, marker frame [m].
   std::size_t size() const noexcept { return count_; }
   const Vec3& operator[](std::size_t i) const noexcept { return points_[i]; }
   auto begin() const noexcept { return points_.begin(); }
   auto end() const noexcept { return points_.begin() + static_cast<std::ptrdiff_t>(count_); }
-  /// Their mean, marker frame [m].
+  /// The mean of the points, marker frame [m].
   const Vec3& centre() const noexcept { return centre_; }
-  /// Of all visible edges.
+  /// Total length of the visible edges in the image.
   double length_px() const noexcept { return length_px_; }
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// Brings events that come in any order into the order of time.
+// Sorts events that come in any order by time.
 #include <algorithm>
 #include <vector>
 
@@ -7,13 +7,14 @@
 
 namespace evmarker {
 
-/// Events that wait until no earlier one can come. Their times [us] are exact: events of one microsecond are sorted
-/// too, and those of one instant by place.
+/// Holds events until no earlier one can come, and releases them in order of time. Their times [us] have fractions, so
+/// that events within a microsecond are sorted too; events at exactly the same time are sorted by row and column.
 class EventQueue {
  public:
+  /// @param t exact time of the event [us]
   void push(double t, const Event& event) { waiting_.push_back({t, event}); }
 
-  /// Appends to `out`, in order, the events before a time.
+  /// Moves the events before a time to the end of `out`, in order. No earlier event may be pushed later.
   void release(double until_us, std::vector<Event>& out) {
     const auto due =
         std::partition(waiting_.begin(), waiting_.end(), [&](const Entry& entry) { return entry.t >= until_us; });

@@ -1,5 +1,5 @@
 #pragma once
-// When pixels that sleep under constant light fire all the same.
+// Times of the leak events of pixels under constant light.
 #include <algorithm>
 #include <cstddef>
 #include <limits>
@@ -9,18 +9,21 @@
 
 namespace evmarker {
 
-/// The time [us] at which each pixel will fire of its leak alone if the light stays as it is, and the first one of
-/// every tile. Empty, and all calls do nothing, for a sensor that does not leak.
+/// Times [us] at which the pixels will fire by their leak alone if the light stays constant, with the first time of
+/// every tile. For a sensor without a leak it is empty, all calls do nothing and nothing is ever due.
 class LeakSchedule {
  public:
+  /// @param leaky false for a sensor without a leak
   LeakSchedule(const TileGrid& grid, bool leaky)
       : pixels_(leaky ? grid.indices() : 0, kNever), tiles_(leaky ? grid.tiles() : 0, kNever) {}
 
+  /// Sets a pixel's time; its tile then needs `update`.
+  /// @param pixel index in the grid
   void set(std::size_t pixel, double us) {
     if (!pixels_.empty()) pixels_[pixel] = us;
   }
 
-  /// Notes the first one of a tile whose pixels have been set.
+  /// Updates the first time of a tile after `set`.
   void update(std::size_t tile) {
     if (tiles_.empty()) return;
     const auto first = pixels_.begin() + static_cast<std::ptrdiff_t>(tile * TileGrid::kPixelsPerTile);
@@ -30,7 +33,7 @@ class LeakSchedule {
   /// True if some pixel of a tile will fire before a time.
   bool due(std::size_t tile, double until_us) const { return !tiles_.empty() && tiles_[tile] < until_us; }
 
-  /// Calls `act(pixel)` for all that will.
+  /// Calls `act(pixel)` for every pixel of a tile that will fire before a time.
   template <typename Action>
   void for_each_due(std::size_t tile, double until_us, Action&& act) const {
     if (!due(tile, until_us)) return;
@@ -43,7 +46,7 @@ class LeakSchedule {
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
   std::vector<double> pixels_;  // in the order of the grid
-  std::vector<double> tiles_;
+  std::vector<double> tiles_;   // first times
 };
 
 }  // namespace evmarker

@@ -1,5 +1,5 @@
 #pragma once
-// A printed marker as a camera sees it at one pose.
+// A printed marker in the view of a camera, at one pose.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,39 +11,45 @@
 
 namespace evmarker {
 
-/// Line of sight of a pixel and its change from pixel to pixel. In single precision, so that many fit the processor's
-/// cache: that moves a pixel by less than 1e-4 px, and always by the same.
+/// Line of sight of a pixel, as a point on the plane z = 1, and its change from pixel to pixel. In single precision, so
+/// that many fit the processor's cache: rounding shifts a pixel by less than 1e-4 px, always by the same.
 struct Sight {
   float x = 0, y = 0;                                        ///< (X/Z, Y/Z)
   float x_per_x = 0, y_per_x = 0, x_per_y = 0, y_per_y = 0;  ///< its change to the next pixel in x, and in y
 
+  /// The point on the plane z = 1.
   Vec2 m() const noexcept { return {x, y}; }
-  bool shows() const noexcept { return std::isfinite(x) && std::isfinite(y); }
+  /// False if the lens model has no line of sight for the pixel.
+  bool exists() const noexcept { return std::isfinite(x) && std::isfinite(y); }
+  /// Distance on the plane z = 1 per pixel (Frobenius norm of the change, at least the largest over all directions).
   float scale() const noexcept {
     return std::sqrt((x_per_x * x_per_x + x_per_y * x_per_y) + (y_per_x * y_per_x + y_per_y * y_per_y));
   }
 };
 
-/// How far [px] around a line of sight a fisheye lens shows a plane in one scale, to a tenth.
+/// Radius [px] around a line of sight within which the scale of a fisheye lens changes by at most about a tenth.
 /// @param focal_length [px]
 inline double fisheye_reach_px(const Sight& sight, double focal_length) {
-  const double tangent =
-      static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y));  // the scale goes with 1 + tangent^2
+  // The scale is proportional to 1 + tangent^2.
+  const double tangent = static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y));
   return focal_length * 0.5 * (std::sqrt(tangent * tangent + 0.2) - tangent);
 }
 
-/// The sheet of a marker at one pose.
+/// The printed sheet of a marker at one pose.
 class MarkerView {
  public:
-  /// Light that the sheet adds to a pixel; the clearance is how far [px] its edges may move before that changes.
+  /// What the sheet adds to a pixel.
   struct Sample {
-    double inverse_depth, coverage, radiance;
-    double clearance_px;
+    double inverse_depth;  ///< [1/m]
+    double coverage;       ///< share of the pixel that the sheet covers
+    double radiance;       ///< light from the sheet, weighted with the coverage
+    double clearance_px;   ///< how far the sheet may move before the light changes; 0 if it changes with any motion
   };
 
-  /// Nothing to be seen.
+  /// An invisible sheet.
   MarkerView() = default;
 
+  /// An invisible sheet if the pose is not finite or the sheet is seen edge-on.
   /// @param length side of the black square [m]
   MarkerView(const PrintedMarker& print, double length, const Eigen::Isometry3d& T_camera_marker) {
     const auto& T = T_camera_marker;
@@ -53,7 +59,7 @@ class MarkerView {
     back_ = facing > 0;
 
     const double cell = length / print.cells();
-    // One cell right, one cell down, top left corner of the black square.
+    // In the camera frame: the way of one cell to the right and down, and the top left corner of the black square.
     const Vec3 right = cell * axis(T, 0), down = -cell * axis(T, 1),
                corner = transform(T, {-length / 2, length / 2, 0});
     const double inverse = 1 / dot(cross(down, corner), right);
@@ -77,34 +83,39 @@ class MarkerView {
     for (const Vec2& point : probes_) radius_ = std::max(radius_, norm(point - center_));
   }
 
+  /// True if a part of the sheet is in front of the camera, in or out of its field of view.
   bool visible() const noexcept { return visible_; }
   /// True if the blank side faces the camera.
   bool back() const noexcept { return back_; }
-  /// Points of the sheet on the plane z = 1, NaN behind the camera.
+  /// 5 x 5 points of the sheet, seen on the plane z = 1; NaN for those behind the camera.
   const std::array<Vec2, 25>& probes() const noexcept { return probes_; }
 
-  /// Distance [px] of a line of sight from a circle around the sheet; negative inside.
+  /// Distance of a line of sight from a circle around the sheet [px]; negative inside.
   double distance_px(const Sight& sight) const {
     return (norm(sight.m() - center_) - radius_) / static_cast<double>(sight.scale());
   }
 
+  /// What a pixel sees of the sheet through a Gaussian blur.
+  /// @param print the one that the view was made from
   /// @param point_spread_px sigma of the blur
   Sample sample(const PrintedMarker& print, const Sight& sight, double point_spread_px) const {
-    // Clearances are linear extrapolations: kept on the safe side of lens and perspective. A pixel may sleep until its
-    // light has changed by 1 %, and then takes the change as part of a ramp: on paper an edge of ink may come closer
-    // than on ink an edge of paper.
-    const auto safe = [&](double distance_px, bool on_sheet) {
-      return 0.85 * distance_px - (on_sheet ? 2.3 : 3.1) * point_spread_px;
+    // Distances to edges in px are extrapolated linearly; the factor keeps them safe from the effects of lens and
+    // perspective. The simulator need not sample a pixel until its light has changed by 1 %, which an edge does from a
+    // number of sigmas on: a dark edge must come closer to bright paper than a bright edge to dark ink.
+    const auto safe_clearance = [&](double distance_px, bool on_paper) {
+      return 0.85 * distance_px - (on_paper ? 2.3 : 3.1) * point_spread_px;
     };
     if (!visible_) return {0, 0, 0, std::numeric_limits<double>::infinity()};
     const Vec2 m = sight.m();
     if (squared_norm(m - center_) > radius_ * radius_)
-      if (const double to_circle = safe(distance_px(sight), false); to_circle > 0) return {0, 0, 0, to_circle};
-    const auto at = [&](const Vec3& row) { return row.x * m.x + row.y * m.y + row.z; };
-    const double inverse_depth = at(grid_[2]);
+      if (const double to_circle = safe_clearance(distance_px(sight), false); to_circle > 0)
+        return {0, 0, 0, to_circle};
+    const auto product_with_sight = [&](const Vec3& row) { return row.x * m.x + row.y * m.y + row.z; };
+    const double inverse_depth = product_with_sight(grid_[2]);
     if (!(inverse_depth > 0)) return {};  // the sheet's plane is behind the camera here
-    const double depth = 1 / inverse_depth, a = at(grid_[0]) * depth, b = at(grid_[1]) * depth;
-    const auto gradient = [&](std::size_t row, double value) {  // [cells/px]
+    const double depth = 1 / inverse_depth, a = product_with_sight(grid_[0]) * depth,
+                 b = product_with_sight(grid_[1]) * depth;
+    const auto gradient = [&](std::size_t row, double value) {  // norm of the change of a grid coordinate [cells/px]
       const double per_mx = grid_[row].x - value * grid_[2].x;
       const double per_my = grid_[row].y - value * grid_[2].y;
       const double per_x = per_mx * sight.x_per_x + per_my * sight.y_per_x;
@@ -116,12 +127,13 @@ class MarkerView {
     const double sigma_a = gradient_a * point_spread_px, sigma_b = gradient_b * point_spread_px;
     const auto sheet = back_ ? print.back(a, b, sigma_a, sigma_b) : print.front(a, b, sigma_a, sigma_b);
     const double distance_px = sheet.clearance / std::max(gradient_a, gradient_b);
-    return {inverse_depth, sheet.coverage, sheet.radiance, safe(distance_px, 2 * sheet.radiance > print.white())};
+    return {inverse_depth, sheet.coverage, sheet.radiance,
+            safe_clearance(distance_px, 2 * sheet.radiance > print.white())};
   }
 
  private:
   bool visible_ = false, back_ = false;
-  std::array<Vec3, 3> grid_;  // line of sight -> homogeneous grid coordinates, third = inverse depth
+  std::array<Vec3, 3> grid_;  // maps a line of sight to homogeneous grid coordinates (a, b, 1) / depth
   Vec2 center_;               // circle around the sheet on the plane z = 1
   double radius_ = 0;         // infinite where part of the sheet is behind the camera
   std::array<Vec2, 25> probes_;

@@ -1,5 +1,5 @@
 #pragma once
-// Events without a cause.
+// Random noise events.
 #include <algorithm>
 #include <cstdint>
 #include <vector>
@@ -9,15 +9,17 @@
 
 namespace evmarker {
 
+/// An event of a pixel without a change of its light.
 struct NoiseEvent {
   std::size_t pixel;  ///< index in the grid
   double t;           ///< [us]
   bool on;
 };
 
-/// Poisson noise of a whole sensor, of random place and polarity.
+/// Poisson noise of a whole sensor, at random pixels and of random polarity.
 class PixelNoise {
  public:
+  /// @param hz_per_px rate of the noise of each pixel
   PixelNoise(const TileGrid& grid, double hz_per_px, const Random& random)
       : grid_(grid),
         mean_interval_us_(1e6 / (hz_per_px * grid.sensor_size().width * grid.sensor_size().height)),
@@ -25,8 +27,8 @@ class PixelNoise {
     next_us_ = interval_us();
   }
 
-  /// What happens from the last call to a time, tile by tile and in order of time within each; valid until the next
-  /// call.
+  /// The noise events since the last call and before a time, sorted by tile and, within a tile, by time. Valid until
+  /// the next call.
   const std::vector<NoiseEvent>& draw(double until_us) {
     events_.clear();
     for (; next_us_ < until_us; next_us_ += interval_us()) {

@@ -1,5 +1,5 @@
 #pragma once
-// A code marker on white paper, seen through a blur.
+// A code marker printed on white paper, seen through a blur.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,10 +12,11 @@
 
 namespace evmarker {
 
-/// Integral of the normal distribution: the profile of a straight edge behind a Gaussian blur of sigma 1. Exactly 0 and
-/// 1 beyond `kEdgeReach`; tabulated, to 1e-6.
+/// Distance from an edge, in sigmas of the blur, from which on `edge_profile` is exactly 0 or 1.
 inline constexpr double kEdgeReach = 4;
 
+/// Profile of a straight edge behind a Gaussian blur of sigma 1: the integral of the normal distribution. Interpolated
+/// in a table to within 1e-6 up to `kEdgeReach`, and rounded to 0 or 1 beyond.
 inline double edge_profile(double x) {
   static constexpr int kSteps = 2048;
   static const auto table = [] {
@@ -33,25 +34,26 @@ inline double edge_profile(double x) {
   return static_cast<double>(value[0]) + (position - index) * static_cast<double>(value[1] - value[0]);
 }
 
-/// Shares of the light that the cells of a sheet send back, rows from the top, columns from the left; the first and the
-/// last of both are the quiet zone, the next ones the black border.
+/// Reflectance of each cell of a sheet, rows from the top, columns from the left. The first and last row and column are
+/// the quiet zone, the second and the last but one the black border.
 using CellShades = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// The sheet on which a marker is printed, in grid coordinates: (0, 0) is the top left corner of the black border,
-/// a to the right, b down, one unit a cell; the quiet zone lies around it.
+/// The sheet on which a marker is printed. In its grid coordinates (a, b) the origin is the top left corner of the
+/// black border, a points right, b points down, and the unit is a cell. The quiet zone lies around the border.
 class PrintedMarker {
  public:
-  /// Light that the blurred sheet sends to a point.
+  /// What a point shows of the blurred sheet.
   struct Sample {
     double coverage = 0;   ///< share of the point that the sheet covers
-    double radiance = 0;   ///< what the sheet adds to the point, already weighted with the coverage
-    double clearance = 0;  ///< no point closer than this [cells, larger of the two axes] sees anything else
+    double radiance = 0;   ///< light from the sheet, weighted with the coverage
+    double clearance = 0;  ///< points nearer than this along both axes look the same [cells]; 0 if none do
   };
 
   /// @param bits the cells inside the black border, 1 white
   /// @param quiet_zone_cells width of the white rim around the border
-  /// @param black,white shares of the light that ink and paper send back
-  /// @param shades in their place on the front, one for each cell; none of them if empty
+  /// @param black,white reflectance of ink and paper
+  /// @param shades replace black and white on the front, one for each cell of border, code and quiet zone, unless empty
+  /// @throws std::invalid_argument naming the argument that makes no sense
   PrintedMarker(const CodeBits& bits, double quiet_zone_cells, double black, double white,
                 const CellShades& shades = {})
       : cells_(static_cast<int>(bits.rows()) + 2), white_(white) {
@@ -82,16 +84,16 @@ class PrintedMarker {
     shades_ = shades;
   }
 
-  /// Cells along one side, border included.
+  /// Number of cells along a side of the black square, border included.
   int cells() const noexcept { return cells_; }
-  /// Share of the light that the paper sends back.
+  /// Reflectance of the paper.
   double white() const noexcept { return white_; }
   /// Grid coordinates of the sheet's first and last edge.
   double first_edge() const noexcept { return edges_.front(); }
   double last_edge() const noexcept { return edges_.back(); }
 
-  /// The front of the sheet at (a, b) behind a Gaussian blur of the given sigmas [cells]; exact along straight edges,
-  /// and at corners where the grid axes are perpendicular in the image.
+  /// The front of the sheet at (a, b) behind a Gaussian blur of the given sigmas [cells, positive]. Exact along
+  /// straight edges; at corners it is exact where the grid axes are perpendicular in the image.
   Sample front(double a, double b, double sigma_a, double sigma_b) const {
     const Weights columns(edges_, a, sigma_a), rows(edges_, b, sigma_b);
     Sample sample;
@@ -117,7 +119,7 @@ class PrintedMarker {
     return sample;
   }
 
-  /// The blank back of the sheet.
+  /// The blank back of the sheet, with the arguments of `front`.
   Sample back(double a, double b, double sigma_a, double sigma_b) const {
     const auto profile = [&](double x, double sigma) {
       return edge_profile((x - first_edge()) / sigma) - edge_profile((x - last_edge()) / sigma);
@@ -132,7 +134,7 @@ class PrintedMarker {
  private:
   static constexpr int kMaxCells = 64;
 
-  // How much of a blurred point each column (or row) of the grid takes.
+  // Weights of the columns (or rows) of the grid at a blurred point: the integral of the blur over each.
   struct Weights {
     std::array<double, kMaxCells> weight;  // only first..last are set
     int first, last;
@@ -158,16 +160,19 @@ class PrintedMarker {
     }
   };
 
+  // Distances along the axis on which they are larger; 0 on the sheet.
   double distance_to_sheet(double a, double b) const {
     const auto outside = [&](double x) { return std::max({first_edge() - x, x - last_edge(), 0.0}); };
     return std::max(outside(a), outside(b));
   }
 
+  // Distance of a point on the sheet from the sheet's nearest edge.
   double distance_to_rim(double a, double b) const {
     return std::min({a - first_edge(), last_edge() - a, b - first_edge(), last_edge() - b});
   }
 
-  // Looks no farther than the neighbouring cells: enough to let a point rest for a while, and quick.
+  // Distance of a point in a cell to the nearest cell of another shade, or to the end of the neighbouring cells if
+  // those have the same shade: a lower bound of the true distance that is quick to compute.
   double distance_to_other_shade(double a, double b, int row, int column) const {
     double distance = distance_to_rim(a, b);
     const int first_row = std::max(row - 1, 0), last_row = std::min(row + 1, cells_ + 1);
@@ -176,9 +181,9 @@ class PrintedMarker {
     for (int r = first_row; r <= last_row; ++r)
       for (int c = first_column; c <= last_column; ++c)
         if (shades_(r, c) != shades_(row, column)) distance = std::min(distance, std::max(gap(a, c), gap(b, r)));
-    const double unseen =
+    const double to_end_of_neighbours =
         std::min({a - edge(first_column), edge(last_column + 1) - a, b - edge(first_row), edge(last_row + 1) - b});
-    return std::min(distance, unseen);
+    return std::min(distance, to_end_of_neighbours);
   }
 
   double edge(int i) const { return edges_[static_cast<std::size_t>(i)]; }

@@ -1,5 +1,5 @@
 #pragma once
-// What a simulated camera looks at: markers in motion, a background, things in between.
+// The scene before a simulated camera: moving markers, a background behind them, occluders in front.
 #include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
@@ -18,19 +18,19 @@
 
 namespace evmarker {
 
-/// A printed code marker on its way through the scene. Seen from behind it is blank paper.
+/// A moving printed code marker. Its back is blank paper.
 struct SimulatedMarker {
   MarkerId id = 0;
   double length = 0.1;          ///< side of the black square [m]
   CodeBits bits;                ///< the cells inside the black border, 1 white
   Trajectory T_camera_marker;   ///< pose [m] over time [s]
   double quiet_zone_cells = 1;  ///< width of the white rim around the black square
-  double black = 0.08;          ///< share of the light that the ink sends back
-  double white = 0.85;          ///< and the paper
-  CellShades shades = {};       ///< in their place, where cells differ: (bits + 4) x (bits + 4) of them; else empty
+  double black = 0.08;          ///< reflectance of the ink
+  double white = 0.85;          ///< reflectance of the paper
+  CellShades shades = {};       ///< if not empty, replaces black and white: (bits + 4) x (bits + 4) cells
 };
 
-/// The markers of a board on its way through the scene.
+/// The markers of a moving board.
 inline std::vector<SimulatedMarker> simulated_markers(const Board& board, const Trajectory& T_camera_board) {
   std::vector<SimulatedMarker> markers;
   for (const BoardMarker& marker : board.markers)
@@ -45,32 +45,33 @@ inline std::vector<SimulatedMarker> simulated_markers(const Board& board, const 
 
 /// An opaque upright rectangle in front of everything else.
 struct Occluder {
-  std::function<Eigen::Vector2d(double seconds)> center_px;  ///< in the (distorted) image
+  std::function<Eigen::Vector2d(double seconds)> center_px;  ///< in the distorted image
   Eigen::Vector2d half_size_px{50, 50};
-  double shade = 0.3;  ///< share of the light that it sends back
-  double from_s = -std::numeric_limits<double>::infinity();
-  double until_s = std::numeric_limits<double>::infinity();  ///< not there from here on
+  double shade = 0.3;                                        ///< its reflectance
+  double from_s = -std::numeric_limits<double>::infinity();  ///< it is there from this time on
+  double until_s = std::numeric_limits<double>::infinity();  ///< and until before this time
 };
 
-/// What lies behind the markers: a random texture, blurred already, on which light and dark patches follow each other.
+/// The background behind the markers: a smooth random texture of light and dark patches.
 struct Background {
-  double mean = 0.4;                           ///< share of the light that it sends back
-  double contrast = 0;                         ///< largest deviation of its logarithm; 0 is plain
-  double texture_size_px = 20;                 ///< distance between independent patches
+  double mean = 0.4;                           ///< reflectance (geometric mean)
+  double contrast = 0;                         ///< largest deviation of the logarithm of the reflectance; 0: no texture
+  double texture_size_px = 20;                 ///< distance between the centres of neighbouring patches
   Eigen::Vector2d velocity_px_per_s = {0, 0};  ///< in the image
-  std::uint64_t seed = 1;                      ///< of the patches
+  std::uint64_t seed = 1;                      ///< determines the patches
 
   bool moves() const noexcept { return contrast != 0 && squared_norm(Vec2(velocity_px_per_s)) != 0; }
 };
 
-/// All of it.
+/// All that the simulated camera sees.
 struct Scene {
   std::vector<SimulatedMarker> markers;
   std::vector<Occluder> occluders;
   Background background;
 };
 
-/// Rejects a scene that cannot be simulated, with an error that names the field.
+/// Rejects a scene that cannot be simulated. The printed markers are checked by `PrintedMarker`.
+/// @throws std::invalid_argument naming the field
 inline void validate(const Scene& scene) {
   const Require require("scene");
   for (std::size_t i = 0; i < scene.markers.size(); ++i) {

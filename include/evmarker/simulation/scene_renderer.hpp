@@ -1,5 +1,5 @@
 #pragma once
-// The light that a scene sends to each pixel of a camera.
+// The light from a scene at each pixel of a camera.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -22,35 +22,36 @@
 
 namespace evmarker {
 
-/// A scene through a lens, pixel by pixel and at any time. Every edge has the exact profile of a Gaussian point spread.
+/// Renders a scene through a lens, pixel by pixel and at any time. Straight edges have the exact profile of a Gaussian
+/// blur.
 class SceneRenderer {
  public:
-  /// Light at a pixel, how far [px] the edges of the scene may move before it changes, and whether a moving background
-  /// changes it even so.
+  /// The light at a pixel.
   struct Sample {
-    double intensity;
-    double clearance_px;
-    bool drifts;
+    double intensity;     ///< linear
+    double clearance_px;  ///< how far markers and occluders may move before it changes
+    bool drifts;          ///< true if a moving background changes it all the time
   };
 
   /// The scene at one time.
   class Frame;
 
-  /// How far [px] things move from one frame to another.
+  /// Distances [px] that things move in the image between two frames.
   struct Motion {
-    std::vector<double> markers, occluders;
-    double background = 0;  ///< scaled to an edge's sharpness: less than in the image, as a texture is more blurred
-    double largest = 0;     ///< of what is visible, in true pixels
+    std::vector<double> markers, occluders;  ///< one for each in the scene; 0 unless it is visible in both frames
+    double background = 0;  ///< that of an edge that would change the light as fast: less, as a texture is smoother
+    double largest = 0;     ///< of all, the background's unscaled
   };
 
-  /// What can change the light of one tile from one frame to another.
+  /// The things that can change the light in one tile between two frames.
   struct Activity {
-    std::vector<std::size_t> markers, occluders;  ///< their places in the scene
-    double motion_px = 0;                         ///< the fastest one's; without the background
-    std::uint64_t cast = 0;                       ///< differs when others are there, or show another side
+    std::vector<std::size_t> markers, occluders;  ///< indices in the scene
+    double motion_px = 0;                         ///< largest motion among them, the background excepted
+    std::uint64_t contents = 0;                   ///< hash of their indices, visibility and visible sides
   };
 
-  /// @param point_spread_px sigma of the blur, lens and pixel area together (the area alone has 0.29 px)
+  /// @param point_spread_px sigma of the blur by lens and pixel area together (the area alone: 0.29 px)
+  /// @throws std::invalid_argument naming the field of the scene, or the argument, that makes no sense
   SceneRenderer(const PinholeCamera& camera, Scene scene, double point_spread_px)
       : camera_(camera),
         scene_(checked(std::move(scene))),
@@ -71,28 +72,33 @@ class SceneRenderer {
   const Scene& scene() const noexcept { return scene_; }
   const TileGrid& grid() const noexcept { return grid_; }
 
+  /// The scene at a time [s].
   Frame at(double seconds) const;
+  /// Motion between two frames.
   Motion motion(const Frame& from, const Frame& to) const;
-  /// Largest distance [px] that anything visible moves from one frame to another.
+  /// Largest distance [px] that anything visible moves between two frames.
   double motion_px(const Frame& from, const Frame& to) const { return motion(from, to).largest; }
 
-  /// Writes to `activity` what happens in a tile from one frame to another.
-  void observe(std::size_t tile, const Frame& from, const Frame& to, const Motion& motion, Activity& activity) const;
+  /// Computes the activity in a tile between two frames; it is written to `activity`, whose memory is used again.
+  /// @param motion that between the frames
+  void compute_activity(std::size_t tile, const Frame& from, const Frame& to, const Motion& motion,
+                        Activity& activity) const;
 
-  /// @param index of a pixel in the grid
-  /// @param there what can be seen in its tile
-  Sample sample(const Frame& frame, std::size_t index, const Activity& there) const;
+  /// The light at a pixel of the sensor.
+  /// @param index of the pixel in the grid
+  /// @param activity that of the pixel's tile between this frame and another; only its markers and occluders are drawn
+  Sample sample(const Frame& frame, std::size_t index, const Activity& activity) const;
   Sample sample(const Frame& frame, int x, int y) const { return sample(frame, grid_.index(x, y), everything_); }
 
   /// Linear intensity of the whole image, row by row.
   std::vector<float> render(double seconds) const;
 
  private:
-  // A circle on the plane z = 1 around the lines of sight of a tile.
+  // A circle on the plane z = 1 that contains the lines of sight of a tile.
   struct TileSight {
-    Sight center;
-    double radius_px;  // infinite if the lens shows nothing to some pixel
-    Vec2 corner;       // the first pixel
+    Sight center;      // that of the tile's first pixel
+    double radius_px;  // infinite if a pixel has no line of sight
+    Vec2 corner;       // the tile's first pixel
   };
 
   static Scene checked(Scene scene) {
@@ -100,6 +106,7 @@ class SceneRenderer {
     return scene;
   }
 
+  // Computes the lines of sight of all pixels and tiles.
   void compute_sights();
 
   PinholeCamera camera_;
@@ -109,9 +116,9 @@ class SceneRenderer {
   TileGrid grid_;
   Texture texture_;
   std::vector<PrintedMarker> prints_;
-  Activity everything_;
-  double largest_tangent_ = 0;  // of all lines of sight
-  std::vector<Sight> sights_;   // in the order of the grid
+  Activity everything_;         // all markers and occluders of the scene
+  double largest_tangent_ = 0;  // tangent of the largest angle between a line of sight and the optical axis
+  std::vector<Sight> sights_;   // in the order of the grid, NaN where there is none
   std::vector<TileSight> tile_sights_;
 };
 
@@ -132,7 +139,7 @@ class SceneRenderer::Frame {
 
 inline void SceneRenderer::compute_sights() {
   const SensorSize size = camera_.sensor_size();
-  std::vector<Vec2> rays;  // one more on each side, so that borders have neighbours too
+  std::vector<Vec2> rays;  // with a border of one pixel around the sensor, for the differences between neighbours
   for (int y = -1; y <= size.height; ++y)
     for (int x = -1; x <= size.width; ++x) {
       const Eigen::Vector3d M = camera_.line_of_sight({x, y});
@@ -184,13 +191,14 @@ inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
   return frame;
 }
 
-inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size_t index, const Activity& there) const {
+inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size_t index,
+                                                   const Activity& activity) const {
   const Vec2 pixel = tile_sights_[index / TileGrid::kPixelsPerTile].corner +
                      Vec2(static_cast<double>(index % TileGrid::kSide),
                           static_cast<double>(index / TileGrid::kSide % TileGrid::kSide));
   double light = 0, remaining = 1, clearance = std::numeric_limits<double>::infinity();
 
-  for (const std::size_t i : there.occluders) {
+  for (const std::size_t i : activity.occluders) {
     const auto& view = frame.occluders_[i];
     if (!view.visible) continue;
     const Vec2 half_size = scene_.occluders[i].half_size_px, from_center = pixel - view.center;
@@ -205,12 +213,12 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
     remaining *= 1 - coverage;
   }
 
-  std::array<MarkerView::Sample, 8> sheets;  // nearest first; what lies under more than these stays unseen
+  std::array<MarkerView::Sample, 8> sheets;  // the nearest ones, nearest first; others are left out
   std::size_t count = 0;
   const Sight& sight = sights_[index];
   if (fisheye_) clearance = std::min(clearance, fisheye_reach_px(sight, camera_.focal_length()));
-  if (remaining > 0 && sight.shows())
-    for (const std::size_t i : there.markers) {
+  if (remaining > 0 && sight.exists())
+    for (const std::size_t i : activity.markers) {
       const auto sheet = frame.markers_[i].sample(prints_[i], sight, point_spread_px_);
       clearance = std::min(clearance, sheet.clearance_px);
       if (sheet.coverage == 0) continue;
@@ -234,10 +242,10 @@ inline SceneRenderer::Motion SceneRenderer::motion(const Frame& from, const Fram
   Motion motion;
   if (texture_.moves()) {
     motion.largest = norm(Vec2(scene_.background.velocity_px_per_s)) * std::abs(to.seconds - from.seconds);
-    // From patch to patch a texture is as steep as an edge with a blur of a fifth of their distance.
+    // A texture is at most as steep as an edge with a blur of a fifth of the distance between its patches.
     motion.background = motion.largest * std::min(1.0, point_spread_px_ / (0.2 * scene_.background.texture_size_px));
   }
-  // What is far outside the view neither matters nor projects to anything sensible through a lens model.
+  // Points far outside of the field of view do not matter, and a lens model may project them anywhere.
   const auto in_sight = [&](Vec2 m) { return norm(m) < 1.3 * largest_tangent_; };
   const auto pixel = [&](Vec2 m) -> Vec2 { return camera_.project({m.x, m.y, 1}); };
   for (std::size_t i = 0; i < from.markers_.size(); ++i) {
@@ -260,16 +268,16 @@ inline SceneRenderer::Motion SceneRenderer::motion(const Frame& from, const Fram
   return motion;
 }
 
-inline void SceneRenderer::observe(std::size_t tile, const Frame& from, const Frame& to, const Motion& motion,
-                                   Activity& activity) const {
+inline void SceneRenderer::compute_activity(std::size_t tile, const Frame& from, const Frame& to, const Motion& motion,
+                                            Activity& activity) const {
   activity.markers.clear();
   activity.occluders.clear();
   activity.motion_px = 0;
-  activity.cast = 0;
-  const auto enter = [&](std::vector<std::size_t>& list, std::size_t i, double motion_px, std::uint64_t look) {
+  activity.contents = 0;
+  const auto add = [&](std::vector<std::size_t>& list, std::size_t i, double motion_px, std::uint64_t appearance) {
     list.push_back(i);
     activity.motion_px = std::max(activity.motion_px, motion_px);
-    activity.cast = mix_bits(activity.cast + look) + i + 1;
+    activity.contents = mix_bits(activity.contents + appearance) + i + 1;
   };
   const double margin = 2 * kEdgeReach * point_spread_px_;
   const auto& sight = tile_sights_[tile];
@@ -279,8 +287,8 @@ inline void SceneRenderer::observe(std::size_t tile, const Frame& from, const Fr
       return view.visible() && !(view.distance_px(sight.center) > sight.radius_px + motion.markers[i] + margin);
     };
     if (reaches(before) || reaches(after))
-      enter(activity.markers, i, motion.markers[i],
-            1 + before.visible() + 2u * after.visible() + 4u * before.back() + 8u * after.back());
+      add(activity.markers, i, motion.markers[i],
+          1 + before.visible() + 2u * after.visible() + 4u * before.back() + 8u * after.back());
   }
   const Vec2 center = sight.corner + Vec2(TileGrid::kSide / 2, TileGrid::kSide / 2);
   for (std::size_t i = 0; i < from.occluders_.size(); ++i) {
@@ -291,7 +299,7 @@ inline void SceneRenderer::observe(std::size_t tile, const Frame& from, const Fr
       return view.visible && outside < TileGrid::kSide / 2 + motion.occluders[i] + margin;
     };
     if (reaches(before) || reaches(after))
-      enter(activity.occluders, i, motion.occluders[i], 17 + before.visible + 2u * after.visible);
+      add(activity.occluders, i, motion.occluders[i], 17 + before.visible + 2u * after.visible);
   }
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-// The pixels of a simulated sensor: how they differ from each other and with their light.
+// The pixels of a simulated sensor: mismatch between pixels, and bandwidth that depends on the light.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace evmarker {
 
-/// A pixel with thresholds and a leak of its own, settled at a log intensity.
-/// @param key identifies the pixel, however pixels are stored: it alone and the seed decide what is drawn
+/// A pixel with random thresholds and a random leak, settled at a log intensity.
+/// @param key identifies the pixel; it and the seed alone determine the random numbers
 inline EventPixel make_pixel(const SimulatorSettings& settings, std::uint64_t key, double log_intensity) {
   constexpr std::uint64_t kThresholdStream = 1, kLeakStream = 4;
   Random random(settings.seed, kThresholdStream, key);
@@ -29,9 +29,10 @@ inline EventPixel make_pixel(const SimulatorSettings& settings, std::uint64_t ke
   return {log_intensity, on, off, hz * 1e-6 * settings.contrast_threshold_on, on * leak_random.uniform()};
 }
 
-/// Takes a pixel from t0 to t1 [us] while the log intensity goes in a straight line from where it was to
-/// `log_intensity`: in pieces in which the light, and with it the bandwidth, is as good as constant. The delays of the
-/// stages in a row add up.
+/// Simulates a pixel from t0 to t1 [us], while the log intensity changes linearly from its last value to
+/// `log_intensity`. This is done in pieces short enough for the light, and with it the bandwidth, to be nearly
+/// constant. Both stages of the low-pass are modelled as one, whose time constant is the sum of theirs.
+/// @param emit as for `EventPixel::advance`
 template <typename Emit>
 void follow_light(EventPixel& pixel, const SimulatorSettings& settings, double t0, double t1, double log_intensity,
                   Emit&& emit) {

@@ -1,5 +1,5 @@
 #pragma once
-// Real event sensors, as far as public sources say what they do.
+// Simulator settings for real event sensors, from public sources.
 #include <array>
 #include <span>
 #include <stdexcept>
@@ -15,29 +15,38 @@ namespace evmarker {
 struct SensorPreset {
   const char* name;
   SensorSize size;
-  double focal_px;  ///< of a usual lens
+  double focal_px;  ///< focal length of a usual lens [px]
   SimulatorSettings settings;
 };
 
 // Sources:
-//  [1] Gallego et al., "Event-based Vision: A Survey", 2022, table 1: resolution, pixel pitch, latency, least contrast
-//      that fires (DVS128 17 %, DAVIS240 11 %, DAVIS346 14.3-22.5 %, Gen3 12 %, Gen4 11 %), stationary noise at 25 C
-//      (DVS128 0.05, all others 0.1 events per pixel and second).
-//  [2] Lichtsteiner, Posch, Delbruck, "A 128x128 120 dB 15 us latency asynchronous temporal contrast vision sensor",
-//      2008: mismatch of the thresholds 2.1 % contrast; pixel bandwidth up to 3 kHz, proportional to the light.
-//  [3] Brandli et al., "A 240x180 130 dB 3 us latency global shutter spatiotemporal vision sensor", 2014: mismatch 3.5
-//  %. [4] v2e (Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", 2021), its default options:
-//  thresholds
-//      0.2 +- 0.03, 300 Hz low-pass, leak 0.01 to 0.1 Hz, a spread of its rates of 0.1 decades.
-//  [5] Nozaki and Delbruck, "Temperature and parasitic photocurrent effects in dynamic vision sensors", 2017: at rest
-//      and in good light nearly all noise is leak events, so that is what the noise of [1] is taken for.
-//  [6] Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", 2018: refractory period 100 us by default.
-//  [7] Finateu et al., "A 1280x720 back-illuminated stacked temporal contrast event-based vision sensor with 4.86 um
-//      pixels", 2020: Gen4, sold as IMX636.
-// Nobody runs a sensor at the least threshold; 0.2 to 0.3 is usual [4]. The low-pass is indoors: between the 300 Hz of
-// [4] and the 3 kHz of [2], 800 Hz are 200 us where the light is 1. For the two newest sensors 50 us: the low end of
-// their latency, 40-200 us and 20-150 us [1]; its spread is taken for the jitter of the others too. The usual lens:
-// 4.5 mm before 40 um pixels, 6 mm before 18.5 um, 8 mm before 15 um and 4.86 um.
+//
+// [1] Gallego et al., "Event-based Vision: A Survey", 2022, table 1: resolution, pixel pitch, latency, least contrast
+// that fires (DVS128 17 %, DAVIS240 11 %, DAVIS346 14.3-22.5 %, Gen3 12 %, Gen4 11 %), stationary noise at 25 C (DVS128
+// 0.05, all others 0.1 events per pixel and second).
+//
+// [2] Lichtsteiner, Posch, Delbruck, "A 128x128 120 dB 15 us latency asynchronous temporal contrast vision sensor",
+// 2008: mismatch of the thresholds 2.1 % contrast; pixel bandwidth up to 3 kHz, proportional to the light.
+//
+// [3] Brandli et al., "A 240x180 130 dB 3 us latency global shutter spatiotemporal vision sensor", 2014: mismatch of
+// the thresholds 3.5 %.
+//
+// [4] Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", 2021, default options: thresholds 0.2 +-
+// 0.03, low-pass of 300 Hz, leak of 0.01 to 0.1 Hz, spread of the leak rates 0.1 decades.
+//
+// [5] Nozaki and Delbruck, "Temperature and parasitic photocurrent effects in dynamic vision sensors", 2017: at rest
+// and in good light nearly all noise is leak events. The leak rates here are therefore the noise rates of [1].
+//
+// [6] Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", 2018: refractory period 100 us by default.
+//
+// [7] Finateu et al., "A 1280x720 back-illuminated stacked temporal contrast event-based vision sensor with 4.86 um
+// pixels", 2020: Gen4, sold as IMX636.
+//
+// Choices: Sensors are not run at their least threshold; 0.2 to 0.3 is usual [4]. The low-pass is that of indoor light:
+// 800 Hz, between the 300 Hz of [4] and the 3 kHz of [2], which is 200 us where the light is 1. The two newest sensors
+// have 50 us, at the low end of their latencies of 40-200 us and 20-150 us [1]; the spread of these latencies is also
+// taken for the jitter of the others. The usual lens has 4.5 mm with pixels of 40 um, 6 mm with 18.5 um, 8 mm with 15
+// um and 4.86 um.
 inline constexpr std::array<SensorPreset, 6> kSensorPresets{{
     {"default", {640, 480}, 533, {}},
     {"dvs128",
@@ -102,8 +111,8 @@ inline constexpr std::array<SensorPreset, 6> kSensorPresets{{
       .latency_jitter_us = 60}},  // 20-150 us [1]
 }};
 
-/// The preset of that name.
-/// @throws std::invalid_argument with the name and those that there are
+/// The preset with a name.
+/// @throws std::invalid_argument naming the unknown name and all known ones
 inline const SensorPreset& sensor_preset(std::string_view name) {
   std::string known;
   for (const SensorPreset& preset : kSensorPresets) {

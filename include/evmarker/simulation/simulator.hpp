@@ -1,5 +1,5 @@
 #pragma once
-// An event camera that looks at markers on known trajectories: events with their truth.
+// A simulated event camera in front of moving markers: events with ground truth.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -23,8 +23,8 @@
 
 namespace evmarker {
 
-/// Simulates an event camera in front of a scene; an `EventSource` from time 0 to the set duration. The same scene,
-/// settings and seed give the same events.
+/// Simulates an event camera in front of a scene, from time 0 to the set duration; an `EventSource`. The same camera,
+/// scene and settings give the same events.
 class Simulator {
  public:
   using event_type = Event;
@@ -43,9 +43,9 @@ class Simulator {
       const bool there = grid().on_sensor(i);
       const double light = there ? renderer_.sample(start, grid().x(i), grid().y(i)).intensity : 1;
       pixels_.push_back(make_pixel(settings_, pixel_key(i), std::log(light)));
-      wake_.push_back(there ? kNow : kNever);
+      wake_px_.push_back(there ? kNow : kNever);
     }
-    drifts_since_us_.assign(grid().indices(), kDriftsNot);
+    drift_advanced_us_.assign(grid().indices(), kNoDrift);
     tiles_.resize(grid().tiles());
   }
 
@@ -54,14 +54,16 @@ class Simulator {
 
   SensorSize sensor_size() const noexcept { return renderer_.camera().sensor_size(); }
 
-  /// The next events, in order of time; empty at the end.
+  /// The next events, in order of time; empty at the end. Valid until the next call.
   std::span<const Event> next_batch() {
     batch_.clear();
     while (batch_.empty() && now_us_ < end_us_) advance();
     return batch_;
   }
 
-  /// True pose of the marker with that place in the scene.
+  /// True pose of a marker at a time.
+  /// @param marker index in the scene
+  /// @throws std::out_of_range for an index that the scene does not have
   Eigen::Isometry3d T_camera_marker(std::size_t marker, Timestamp t) const {
     return scene().markers.at(marker).T_camera_marker(static_cast<double>(t) * 1e-6);
   }
@@ -71,30 +73,32 @@ class Simulator {
   const PinholeCamera& camera() const noexcept { return renderer_.camera(); }
   const SimulatorSettings& settings() const noexcept { return settings_; }
 
-  /// How far the simulation has come [us].
+  /// Time up to which the simulation has come [us].
   Timestamp now() const noexcept { return static_cast<Timestamp>(now_us_); }
   /// Fastest motion in the image so far [px/s].
   double peak_speed_px_per_s() const noexcept { return peak_speed_px_per_s_; }
 
-  /// Linear intensity of the image at any time, row by row, as a frame camera with an endlessly short exposure sees it.
+  /// Linear intensity of the image at any time, row by row, as seen by a frame camera with an infinitely short
+  /// exposure.
   std::vector<float> render(Timestamp t) const { return renderer_.render(static_cast<double>(t) * 1e-6); }
 
  private:
   static constexpr std::size_t kSegmentsPerBatch = 16;
-  static constexpr int kTicksPerStep = 8;      // so finely a step's length can be chosen
-  static constexpr int kStepsPerSegment = 64;  // at most, of the fastest thing
+  static constexpr int kTicksPerStep = 8;      // resolution of a step's length
+  static constexpr int kStepsPerSegment = 64;  // largest number of steps of the fastest thing
   static constexpr double kShortestSegmentUs = 10;
-  static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // wake distances
-  static constexpr double kDriftsNot = std::numeric_limits<double>::infinity();
-  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // 1 and 4: of make_pixel
+  static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // values of wake_px_
+  static constexpr double kNoDrift = std::numeric_limits<double>::infinity();
+  static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // make_pixel uses 1 and 4
 
-  // A stretch of time in which things move in good order, cut into ticks. Frames are rendered on demand.
+  // A piece of time in which all motions are nearly uniform, divided into ticks. Frames are computed on demand.
   struct Segment {
     double begin_us, end_us;
     SceneRenderer::Motion motion;
     std::size_t ticks;
     std::vector<std::optional<SceneRenderer::Frame>> frames;  // at the ends of the ticks
 
+    // Time of the start of a tick; of the end of the segment for `ticks`.
     double us(std::size_t tick) const {
       return tick == ticks ? end_us
                            : begin_us + (end_us - begin_us) * static_cast<double>(tick) / static_cast<double>(ticks);
@@ -102,30 +106,31 @@ class Simulator {
   };
 
   struct Tile {
-    double moved_px = 0;     // sum of its steps' motions
-    float wake_px = kNow;    // the least of its pixels: nothing to do before that motion
-    std::uint64_t cast = 0;  // of what was there last
-    bool drifts = false;     // some of its pixels see a moving background
+    double moved_px = 0;         // sum of the motions of its steps
+    float wake_px = kNow;        // the least wake_px_ of its pixels: no pixel is due before moved_px exceeds it
+    std::uint64_t contents = 0;  // SceneRenderer::Activity::contents of the last segment
+    bool drifts = false;         // true if some of its pixels see a moving background
   };
 
-  // What one tile has come to within a batch.
+  // The progress of one tile within a batch.
   struct Progress {
     std::size_t tile;
-    double t;                           // up to where its pixels have been advanced
-    double moved_px;                    // since then
-    std::span<const NoiseEvent> noise;  // not yet dealt with
+    double t;                           // time of its last step, or end of the segments skipped since
+    double moved_px;                    // motion since then
+    std::span<const NoiseEvent> noise;  // noise events since then
   };
 
   const TileGrid& grid() const noexcept { return renderer_.grid(); }
-  // What a pixel draws shall not depend on how the pixels are stored.
+  // A pixel's key for random numbers, which does not depend on the tiles.
   std::uint64_t pixel_key(std::size_t index) const {
     return static_cast<std::uint64_t>(grid().y(index) * sensor_size().width + grid().x(index));
   }
 
-  // One batch: predict the motion, draw the noise, advance every tile in steps of its own, release the events.
+  // Simulates a batch: computes the motion, draws the noise, advances every tile in steps of its own and releases the
+  // events.
   void advance() {
     segments_.clear();
-    double t = now_us_, drift_px = 0;  // the background takes one step a batch
+    double t = now_us_, drift_px = 0;  // the background moves by one step per batch
     while (segments_.size() < kSegmentsPerBatch && t < end_us_ && drift_px < 0.9 * settings_.max_step_px) {
       segments_.push_back(next_segment(t, settings_.max_step_px - drift_px));
       t = segments_.back().end_us;
@@ -140,9 +145,12 @@ class Simulator {
       begin = end;
     }
     now_us_ = t;
-    waiting_.release(now_us_, batch_);
+    queue_.release(now_us_, batch_);
   }
 
+  // A segment from a time on, as long as allowed by max_step_us, by kStepsPerSegment steps of the fastest thing, and by
+  // a motion of the background of `drift_limit_px`, but at least of kShortestSegmentUs (up to the end of the
+  // simulation).
   Segment next_segment(double begin_us, double drift_limit_px) {
     auto from = renderer_.at(begin_us * 1e-6);
     const double rest = end_us_ - begin_us, limit_px = kStepsPerSegment * settings_.max_step_px;
@@ -166,25 +174,27 @@ class Simulator {
     }
   }
 
-  // Takes a tile through the segments: a step ends when something in the tile has moved by the longest step, where
-  // something comes or goes, and at the end.
+  // Advances a tile through the segments of a batch. A step ends when something in the tile has moved by max_step_px,
+  // at both ends of a segment in which the tile's contents change, and at the end of the batch. Steps in which no pixel
+  // of the tile is due are left out.
   void advance_tile(std::size_t index, std::span<const NoiseEvent> noise) {
     Tile& tile = tiles_[index];
     Progress progress{index, segments_.front().begin_us, 0, noise};
 
     for (Segment& segment : segments_) {
-      renderer_.observe(index, *segment.frames.front(), *segment.frames.back(), segment.motion, next_activity_);
-      const bool recast = next_activity_.cast != tile.cast;
-      if (recast) {
-        if (progress.t < segment.begin_us) step_to(segment, 0, progress);
-        wake(index);
-        tile.cast = next_activity_.cast;
+      renderer_.compute_activity(index, *segment.frames.front(), *segment.frames.back(), segment.motion,
+                                 next_activity_);
+      const bool contents_change = next_activity_.contents != tile.contents;
+      if (contents_change) {
+        if (progress.t < segment.begin_us) advance_due_pixels(segment, 0, progress);
+        wake_tile(index);
+        tile.contents = next_activity_.contents;
       }
       std::swap(activity_, next_activity_);
       const double motion = activity_.motion_px, moved = tile.moved_px + progress.moved_px;
-      const bool noisy =
+      const bool fires_by_itself =
           (!progress.noise.empty() && progress.noise.front().t < segment.end_us) || leaks_.due(index, segment.end_us);
-      if (!noisy && static_cast<double>(tile.wake_px) >= moved + motion) {
+      if (!fires_by_itself && static_cast<double>(tile.wake_px) >= moved + motion) {
         tile.moved_px = moved + motion;
         progress.t = segment.end_us;
         progress.moved_px = 0;
@@ -200,34 +210,36 @@ class Simulator {
         }
         tick += static_cast<std::size_t>(ticks);
         progress.moved_px += ticks * tick_px;
-        step_to(segment, tick, progress);
+        advance_due_pixels(segment, tick, progress);
       }
-      if (recast) step_to(segment, segment.ticks, progress);
+      if (contents_change) advance_due_pixels(segment, segment.ticks, progress);
     }
     Segment& last = segments_.back();
     const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
     if (awake || leaks_.due(index, last.end_us) || !progress.noise.empty() || tile.drifts)
-      step_to(last, last.ticks, progress);
-    if (tile.moved_px > 1e4) wake(index);  // single precision is fine up to there
+      advance_due_pixels(last, last.ticks, progress);
+    if (tile.moved_px > 1e4) wake_tile(index);  // restarts the sum before its rounding in single precision matters
   }
 
-  void wake(std::size_t tile) {
+  // Makes all pixels of a tile due now.
+  void wake_tile(std::size_t tile) {
     const std::size_t first = tile * TileGrid::kPixelsPerTile;
     for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i)
-      if (grid().on_sensor(i)) wake_[i] = kNow;
+      if (grid().on_sensor(i)) wake_px_[i] = kNow;
     tiles_[tile].moved_px = 0;
     tiles_[tile].wake_px = kNow;
   }
 
-  // One step of those pixels of a tile that can have changed.
-  void step_to(Segment& segment, std::size_t tick, Progress& progress) {
+  // Advances the due pixels of a tile to the start of a tick. At the end of the batch, those that see a moving
+  // background are due too.
+  void advance_due_pixels(Segment& segment, std::size_t tick, Progress& progress) {
     const double t = segment.us(tick);
     auto& frame = segment.frames[tick];
     if (!frame) frame = renderer_.at(t * 1e-6);
     std::size_t noise_count = 0;
     for (; noise_count < progress.noise.size() && progress.noise[noise_count].t < t; ++noise_count)
-      wake_[progress.noise[noise_count].pixel] = kNow;
-    leaks_.for_each_due(progress.tile, t, [&](std::size_t i) { wake_[i] = kNow; });
+      wake_px_[progress.noise[noise_count].pixel] = kNow;
+    leaks_.for_each_due(progress.tile, t, [&](std::size_t i) { wake_px_[i] = kNow; });
 
     Tile& tile = tiles_[progress.tile];
     tile.moved_px += progress.moved_px;
@@ -237,23 +249,23 @@ class Simulator {
     tile.drifts = false;
     const bool drift = t == segments_.back().end_us;
     for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i) {
-      if (wake_[i] < moved || (drift && drifts_since_us_[i] < t))
-        wake_[i] =
-            advance_pixel(i, *frame, std::min(progress.t, drifts_since_us_[i]), t, progress.noise.first(noise_count));
-      tile.wake_px = std::min(tile.wake_px, wake_[i]);
-      tile.drifts = tile.drifts || drifts_since_us_[i] != kDriftsNot;
+      if (wake_px_[i] < moved || (drift && drift_advanced_us_[i] < t))
+        wake_px_[i] =
+            advance_pixel(i, *frame, std::min(progress.t, drift_advanced_us_[i]), t, progress.noise.first(noise_count));
+      tile.wake_px = std::min(tile.wake_px, wake_px_[i]);
+      tile.drifts = tile.drifts || drift_advanced_us_[i] != kNoDrift;
     }
     progress = {progress.tile, t, 0, progress.noise.subspan(noise_count)};
     leaks_.update(progress.tile);
   }
 
-  // Returns the distance moved at which the pixel is due again.
+  // Advances a pixel from t0 to t1, the time of the frame `next`, with its noise. Returns its new wake_px_.
   float advance_pixel(std::size_t index, const SceneRenderer::Frame& next, double t0, double t1,
                       std::span<const NoiseEvent> step_noise) {
     EventPixel& pixel = pixels_[index];
     const auto sample = renderer_.sample(next, index, activity_);
     const double end = std::log(static_cast<float>(sample.intensity)), start = pixel.log_intensity();
-    const auto emit = [&](double t, bool on) { return send(index, t, on); };
+    const auto emit = [&](double t, bool on) { return queue_event(index, t, on); };
     double t = t0;
     for (const auto& noise : step_noise) {
       if (noise.pixel != index || noise.t <= t) continue;
@@ -262,20 +274,20 @@ class Simulator {
       t = noise.t;
     }
     if (t < t1) follow_light(pixel, settings_, t, t1, end, emit);
-    drifts_since_us_[index] = sample.drifts ? t1 : kDriftsNot;
+    drift_advanced_us_[index] = sample.drifts ? t1 : kNoDrift;
     const double moved = tiles_[TileGrid::tile(index)].moved_px;
     leaks_.set(index, pixel.leak_event_us());
     return pixel.settle() ? static_cast<float>(moved + sample.clearance_px) : kNow;
   }
 
-  // Returns the time at which the event leaves its pixel.
-  double send(std::size_t index, double t, bool on) {
+  // Queues an event with a random latency. Returns the time at which it leaves its pixel.
+  double queue_event(std::size_t index, double t, bool on) {
     if (settings_.latency_jitter_us > 0) {
       Random random(settings_.seed ^ kLatencyStream << 32, pixel_key(index), std::bit_cast<std::uint64_t>(t));
       t += settings_.latency_jitter_us * random.exponential();
     }
-    waiting_.push(t, {static_cast<std::uint16_t>(grid().x(index)), static_cast<std::uint16_t>(grid().y(index)),
-                      static_cast<std::int16_t>(on), static_cast<Timestamp>(t)});
+    queue_.push(t, {static_cast<std::uint16_t>(grid().x(index)), static_cast<std::uint16_t>(grid().y(index)),
+                    static_cast<std::int16_t>(on), static_cast<Timestamp>(t)});
     return t;
   }
 
@@ -286,13 +298,13 @@ class Simulator {
   double peak_speed_px_per_s_ = 0;
   std::vector<Segment> segments_;
   std::vector<Tile> tiles_;
-  std::vector<EventPixel> pixels_;       // in the order of the grid
-  std::vector<float> wake_;              // per pixel: asleep before that motion in its tile
-  std::vector<double> drifts_since_us_;  // per pixel that sees a moving background: up to where it has been advanced
+  std::vector<EventPixel> pixels_;         // in the order of the grid
+  std::vector<float> wake_px_;             // per pixel: due when moved_px of its tile exceeds it
+  std::vector<double> drift_advanced_us_;  // per pixel that sees a moving background: time of its last step
   SceneRenderer::Activity activity_, next_activity_;
   LeakSchedule leaks_;
   PixelNoise noise_;
-  EventQueue waiting_;
+  EventQueue queue_;
   std::vector<Event> batch_;
 };
 

@@ -1,5 +1,5 @@
 #pragma once
-// The simulated sensor and how finely time is cut.
+// Settings of the simulator.
 #include <cmath>
 #include <cstdint>
 
@@ -7,28 +7,28 @@
 
 namespace evmarker {
 
-/// The simulated sensor and how finely time is cut.
+/// Settings of the simulated sensor, and the length of the time steps.
 struct SimulatorSettings {
   double duration_s = 1;
-  std::uint64_t seed = 1;               ///< of the pixels' thresholds and leaks, the noise and the latencies
-  double contrast_threshold_on = 0.25;  ///< step of log intensity that makes an ON event
-  double contrast_threshold_off = 0.25;
-  double threshold_mismatch = 0.03;   ///< standard deviation of the thresholds from pixel to pixel
-  double refractory_us = 50;          ///< dead time of a pixel after its event
-  double pixel_time_constant_us = 0;  ///< of the pixel's first-order low-pass of log intensity; 0 is infinitely fast
-  /// Added to that: the photoreceptor is as slow as it is dark. The time constant where the light is 1 (perfect white),
-  /// inversely proportional to a pixel's light.
+  std::uint64_t seed = 1;                ///< of the pixels' thresholds and leaks, the noise and the latencies
+  double contrast_threshold_on = 0.25;   ///< rise of log intensity that causes an ON event
+  double contrast_threshold_off = 0.25;  ///< fall of log intensity that causes an OFF event
+  double threshold_mismatch = 0.03;      ///< standard deviation of the thresholds from pixel to pixel
+  double refractory_us = 50;             ///< dead time of a pixel after its event
+  double pixel_time_constant_us = 0;     ///< of the pixel's first-order low-pass of log intensity; 0: no low-pass
+  /// Time constant of the photoreceptor at a light of 1 (perfect white), added to the one above. It is inversely
+  /// proportional to the pixel's light.
   double light_time_constant_us = 0;
-  double point_spread_px = 0.6;  ///< sigma of the blur, lens and pixel area together
-  double noise_hz_per_px = 1;    ///< events without a cause, of random polarity
-  double leak_hz_per_px = 0;     ///< ON events as the memorised level leaks away, of a pixel without mismatch
+  double point_spread_px = 0.6;  ///< sigma of the blur by lens and pixel area together
+  double noise_hz_per_px = 1;    ///< rate of noise events, of random polarity
+  double leak_hz_per_px = 0;     ///< rate of ON events by the leak of the memorised level, without mismatch
   double leak_spread = 0.25;     ///< standard deviation of the logarithm of the leak from pixel to pixel
-  double latency_jitter_us = 0;  ///< mean of the (exponentially distributed) time an event waits to leave its pixel
-  double max_step_px = 0.25;     ///< nothing moves farther within a time step
+  double latency_jitter_us = 0;  ///< mean of the exponentially distributed delay of an event
+  double max_step_px = 0.25;     ///< largest motion in the image within a time step
   double max_step_us = 1000;     ///< longest time between two samples of a trajectory
 };
 
-/// Passes settings that make sense.
+/// Returns the settings if they make sense.
 /// @throws std::invalid_argument naming the first field that makes none
 inline const SimulatorSettings& validated(const SimulatorSettings& s) {
   const Require require("simulator");

@@ -1,5 +1,5 @@
 #pragma once
-// The light of a textured background.
+// The light from a textured background.
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace evmarker {
 
-/// The random patches of a background, drawn once. They repeat after 256 patches.
+/// The texture of a background: random patches, interpolated smoothly. It repeats after 256 patches.
 class Texture {
  public:
   explicit Texture(const Background& background) : background_(background) {
@@ -20,9 +20,10 @@ class Texture {
     for (float& patch : patches_) patch = static_cast<float>(random.uniform(-background.contrast, background.contrast));
   }
 
+  /// True if the light at a pixel changes with time.
   bool moves() const noexcept { return background_.moves(); }
 
-  /// Light from an image point at a time.
+  /// Light at a pixel of the distorted image at a time [s].
   double intensity(Vec2 pixel, double seconds) const {
     if (patches_.empty()) return background_.mean;
     const Vec2 at = (pixel - seconds * Vec2(background_.velocity_px_per_s)) / background_.texture_size_px;
@@ -35,6 +36,7 @@ class Texture {
  private:
   static constexpr std::size_t kPeriod = 256;
 
+  // From 0 to 1 with first and second derivatives 0 at both ends.
   static float ease(float v) { return v * v * v * (10 + v * (6 * v - 15)); }
   static float mix(float from, float to, float share) { return from + share * (to - from); }
   float patch(double x, double y) const {
@@ -43,7 +45,7 @@ class Texture {
   }
 
   Background background_;
-  std::vector<float> patches_;  // deviations of the logarithm
+  std::vector<float> patches_;  // deviations of the logarithm of the light, row by row; empty without a texture
 };
 
 }  // namespace evmarker

@@ -14,12 +14,12 @@
 
 namespace evmarker {
 
-/// T_camera_marker [m] at a time [s].
+/// T_camera_marker [m] as a function of time [s].
 using Trajectory = std::function<Eigen::Isometry3d(double seconds)>;
 
-/// Pose of a marker that faces the camera upright, turned by a rotation vector.
+/// Pose of a marker that faces the camera upright and is then rotated about its centre.
 /// @param position of the marker's centre [m, camera frame]
-/// @param rotation about the marker's centre [rad, camera frame]
+/// @param rotation vector of that rotation [rad, camera frame]
 inline Eigen::Isometry3d facing_pose(const Eigen::Vector3d& position,
                                      const Eigen::Vector3d& rotation = Eigen::Vector3d::Zero()) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -36,7 +36,7 @@ inline Eigen::Isometry3d facing_pose(const Eigen::Vector3d& position,
 
 namespace detail {
 
-// A pose after a motion about the marker's own centre.
+// A pose after a translation [m] and a rotation about the marker's centre [rad], both in the camera frame.
 inline Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vec6& motion) {
   Eigen::Isometry3d result = T;
   set_translation(result, translation(T) + motion.t);
@@ -46,6 +46,7 @@ inline Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vec6& motion) {
 
 }  // namespace detail
 
+/// Trajectories. All functions throw std::invalid_argument naming the argument that makes no sense.
 namespace trajectory {
 
 namespace detail {
@@ -68,7 +69,7 @@ inline Trajectory still(const Eigen::Isometry3d& T_camera_marker) {
   return [T_camera_marker](double) { return T_camera_marker; };
 }
 
-/// Constant velocity [m/s] of the marker's centre and constant turn rate [rad/s] about it, both in the camera frame.
+/// A marker with constant velocity of its centre [m/s] and constant angular velocity [rad/s], both in the camera frame.
 inline Trajectory linear(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& velocity_m_per_s,
                          const Eigen::Vector3d& turn_rate_rad_per_s = Eigen::Vector3d::Zero()) {
   detail::require_finite(T_start);
@@ -79,23 +80,23 @@ inline Trajectory linear(const Eigen::Isometry3d& T_start, const Eigen::Vector3d
   };
 }
 
-/// Turns the marker about its centre, round an axis in the camera frame.
+/// A marker that rotates about its centre, around an axis of any length in the camera frame.
 inline Trajectory spin(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& axis, double rad_per_s) {
   const double length = norm(Vec3(axis));
   detail::require(std::isfinite(length) && length > 0, "length of the axis", length);
   return linear(T_start, Vec3(), rad_per_s * (Vec3(axis) / length));
 }
 
-/// The sway of a hand that holds the marker (or the camera).
+/// Parameters of `handheld`: the sway of a hand that holds the marker or the camera.
 struct Handheld {
   Eigen::Isometry3d T_center = facing_pose({0, 0, 0.6});
   Eigen::Vector3d amplitude_m{0.05, 0.04, 0.05};    ///< largest excursion of the centre, per camera axis
-  Eigen::Vector3d amplitude_rad{0.25, 0.25, 0.35};  ///< largest turn about each camera axis
+  Eigen::Vector3d amplitude_rad{0.25, 0.25, 0.35};  ///< largest element of the rotation vector, per camera axis
   double frequency_hz = 1.0;                        ///< of the slowest of the three sines on each axis
-  std::uint64_t seed = 1;                           ///< of the phases
+  std::uint64_t seed = 1;                           ///< determines the phases and the exact frequencies
 };
 
-/// Hand-held sway: on each axis three sines whose frequencies have no common period.
+/// Hand-held sway: along and about each camera axis the sum of three sines without a common period.
 inline Trajectory handheld(const Handheld& sway = {}) {
   detail::require_finite(sway.T_center);
   detail::require_finite(sway.amplitude_m, "amplitude_m");
@@ -111,7 +112,7 @@ inline Trajectory handheld(const Handheld& sway = {}) {
   std::array<std::array<Sine, 3>, 6> axes{};
   for (auto& axis : axes)
     for (std::size_t i = 0; i < axis.size(); ++i) {
-      const double detune = random.uniform(0.93, 1.07);  // else all axes would repeat the same curve
+      const double detune = random.uniform(0.93, 1.07);  // so that no two axes have the same frequencies
       axis[i] = {kWeights[i], 2 * std::numbers::pi * sway.frequency_hz * kRatios[i] * detune,
                  random.uniform(0, 2 * std::numbers::pi)};
     }
@@ -127,23 +128,24 @@ inline Trajectory handheld(const Handheld& sway = {}) {
 
 namespace detail {
 
-/// From 0 to 1 with velocity and acceleration 0 at both ends, at most 1.875 times as fast as evenly.
+// A motion from 0 to 1 with velocity and acceleration 0 at both ends and a largest velocity of 1.875.
 inline double ease(double u) { return u * u * u * (10 + u * (6 * u - 15)); }
 
 }  // namespace detail
 
-/// A stretch of a motion and the rest after it.
+/// A move and the rest after it.
 struct MoveAndRest {
-  double move_s, rest_s;
+  double move_s;  ///< positive
+  double rest_s;  ///< 0 or more
 };
 
-/// Lets another motion run for the first `move_s`, rest for the first `rest_s`, and so through the list and from its
-/// begin again. Starts and stops smoothly: velocity and acceleration are continuous; in the middle of a move the motion
-/// runs 1.875 times as fast as by itself.
+/// Interrupts a motion by rests: it runs for `move_s` and rests for `rest_s` of every leg in turn, again and again. It
+/// starts and stops smoothly: velocity and acceleration are continuous. In the middle of a move it runs 1.875 times as
+/// fast as without rests.
 inline Trajectory stop_and_go(Trajectory base, std::vector<MoveAndRest> legs) {
   detail::require(static_cast<bool>(base), "presence of the base motion", 0);
   detail::require(!legs.empty(), "number of moves", 0);
-  MoveAndRest round{0, 0};  // all of them together
+  MoveAndRest round{0, 0};  // sums over all legs
   for (const MoveAndRest& leg : legs) {
     detail::require(std::isfinite(leg.move_s) && leg.move_s > 0, "move_s", leg.move_s);
     detail::require(std::isfinite(leg.rest_s) && leg.rest_s >= 0, "rest_s", leg.rest_s);
@@ -152,17 +154,17 @@ inline Trajectory stop_and_go(Trajectory base, std::vector<MoveAndRest> legs) {
   }
   return [base = std::move(base), legs = std::move(legs), round](double seconds) {
     const double rounds = std::floor(seconds / (round.move_s + round.rest_s));
-    double rest = seconds - rounds * (round.move_s + round.rest_s), moved = rounds * round.move_s;
+    double left_s = seconds - rounds * (round.move_s + round.rest_s), moved_s = rounds * round.move_s;
     for (const MoveAndRest& leg : legs) {
-      moved += leg.move_s * detail::ease(std::fmin(rest / leg.move_s, 1.0));
-      rest -= leg.move_s + leg.rest_s;
-      if (rest <= 0) break;
+      moved_s += leg.move_s * detail::ease(std::fmin(left_s / leg.move_s, 1.0));
+      left_s -= leg.move_s + leg.rest_s;
+      if (left_s <= 0) break;
     }
-    return base(moved);
+    return base(moved_s);
   };
 }
 
-/// The same with moves and rests of one length each.
+/// Interrupts a motion by rests, with moves of equal length and rests of equal length.
 inline Trajectory stop_and_go(Trajectory base, double move_s, double rest_s) {
   detail::require(static_cast<bool>(base), "presence of the base motion", 0);
   detail::require(std::isfinite(move_s) && move_s > 0, "move_s", move_s);
