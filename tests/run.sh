@@ -11,7 +11,7 @@ cores=$(nproc)
 export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$cores}
 export CTEST_PARALLEL_LEVEL=${CTEST_PARALLEL_LEVEL:-$cores}
 if [ $# -eq 0 ]; then
-  set -- release asan
+  set -- tests asan
 fi
 for preset in "$@"; do
   printf '\n=== %s ===\n' "$preset"
