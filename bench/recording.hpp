@@ -35,7 +35,7 @@ inline PinholeCamera camera() { return {{640, 480}, 533, 533, 319.5, 239.5}; }
 
 /// Marker 7 in a hand: 10 cm at 0.54 to 0.69 m, up to about 1100 px/s.
 inline Scene one_marker() {
-  const trajectory::Handheld sway{.T_center = facing_pose({0, 0, 0.6}),
+  const trajectory::Handheld sway{.T_centre = facing_pose({0, 0, 0.6}),
                                   .amplitude_m = {0.08, 0.06, 0.09},
                                   .amplitude_rad = {0.3, 0.3, 0.4},
                                   .frequency_hz = 1.4,
@@ -57,7 +57,7 @@ inline Scene many_markers(int count) {
   for (int i = 0; i < count; ++i) {
     const double column = i % columns - (columns - 1) / 2.0, row = i / columns - (rows - 1) / 2.0;
     const double amplitude = small ? 0.009 : 0.02;  // they do not hide each other
-    trajectory::Handheld sway{.T_center = facing_pose({pitch_x * column, pitch_y * row, 0.6}),
+    trajectory::Handheld sway{.T_centre = facing_pose({pitch_x * column, pitch_y * row, 0.6}),
                               .amplitude_m = {amplitude, amplitude, 0.03},
                               .amplitude_rad = {0.25, 0.25, 0.25},
                               .frequency_hz = 1.0};

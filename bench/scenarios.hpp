@@ -54,7 +54,7 @@ inline double visible_share(const Situation& situation, std::size_t index, doubl
     const bool in_image = (pixel.array() >= 0).all() && pixel.x() <= size.width - 1 && pixel.y() <= size.height - 1;
     const bool hidden = std::ranges::any_of(situation.scene.occluders, [&](const Occluder& occluder) {
       return seconds >= occluder.from_s && seconds < occluder.until_s &&
-             ((pixel - occluder.center_px(seconds)).array().abs() < occluder.half_size_px.array()).all();
+             ((pixel - occluder.centre_px(seconds)).array().abs() < occluder.half_size_px.array()).all();
     });
     seen += in_image && !hidden;
   }
@@ -81,7 +81,7 @@ inline PinholeCamera paper_camera(Distortion lens = {}) { return {{640, 480}, 53
 
 /// A 10 cm marker whose id the seed draws, at 0.6 m; about 1100 px/s at the most.
 inline trajectory::Handheld near_sway(Random& random) {
-  return {.T_center = facing_pose({0, 0, 0.6}),
+  return {.T_centre = facing_pose({0, 0, 0.6}),
           .amplitude_m = {0.10, 0.08, 0.10},
           .amplitude_rad = {0.25, 0.25, 0.35},
           .frequency_hz = 1.3,
@@ -116,7 +116,7 @@ inline Situation fast(Random random) {
 
 inline Situation far(Random random) {
   auto sway = near_sway(random);
-  sway.T_center = facing_pose({0, 0, 1.5});
+  sway.T_centre = facing_pose({0, 0, 1.5});
   sway.amplitude_m = {0.25, 0.18, 0.25};
   return swaying(random, sway, 2);
 }
@@ -148,7 +148,7 @@ inline Situation occluded(Random random) {
   auto sway = near_sway(random);
   auto situation = swaying(random, sway, 1.8);
   const double speed = random.uniform() < 0.5 ? 2500 : -2500, middle_s = random.uniform(0.85, 0.95);
-  situation.scene.occluders.push_back({.center_px = [=](double s) -> Eigen::Vector2d {
+  situation.scene.occluders.push_back({.centre_px = [=](double s) -> Eigen::Vector2d {
                                          return {320 + speed * (s - middle_s), 240};
                                        },
                                        .half_size_px = {320, 300}});
@@ -170,7 +170,7 @@ inline Situation several(Random random) {
   Situation situation{paper_camera(), {}, {.duration_s = 1.5, .seed = random.bits()}};
   const double places[5][2] = {{-0.2, -0.13}, {0.2, -0.13}, {0, 0}, {-0.2, 0.13}, {0.2, 0.13}};
   for (int i = 0; i < 5; ++i) {
-    const trajectory::Handheld sway{.T_center = facing_pose({places[i][0], places[i][1], 0.6}),
+    const trajectory::Handheld sway{.T_centre = facing_pose({places[i][0], places[i][1], 0.6}),
                                     .amplitude_m = {0.035, 0.03, 0.04},
                                     .amplitude_rad = {0.25, 0.25, 0.35},
                                     .frequency_hz = 1.4,
@@ -220,7 +220,7 @@ inline Situation shaking(Random random) {
   auto sway = near_sway(random);
   sway.amplitude_m = {0.05, 0.04, 0.05};
   auto tremble = sway;
-  tremble.T_center = Eigen::Isometry3d::Identity();
+  tremble.T_centre = Eigen::Isometry3d::Identity();
   tremble.amplitude_m = {0.010, 0.010, 0.010};
   tremble.amplitude_rad = {0.05, 0.05, 0.07};
   tremble.frequency_hz = 12;
@@ -310,7 +310,7 @@ inline Situation davis346(Random random) { return with_sensor(random, "davis346"
 /// 32 px wide at 0.35 m, up to about 300 px/s.
 inline Situation dvs128(Random random) {
   auto sway = near_sway(random);
-  sway.T_center = facing_pose({0, 0, 0.35});
+  sway.T_centre = facing_pose({0, 0, 0.35});
   sway.amplitude_m = {0.05, 0.05, 0.05};
   return with_sensor(random, "dvs128", sway, 2);
 }
@@ -318,7 +318,7 @@ inline Situation dvs128(Random random) {
 /// Out to 65 deg from the axis.
 inline Situation fisheye(Random random) {
   auto sway = near_sway(random);
-  sway.T_center = facing_pose({0, 0, 0.4});
+  sway.T_centre = facing_pose({0, 0, 0.4});
   sway.amplitude_m = {0.4, 0.2, 0.1};
   sway.frequency_hz = 0.9;
   const EquidistantDistortion lens{.k1 = -0.02, .k2 = 0.006, .k3 = -0.004, .k4 = 0.0006};

@@ -29,7 +29,7 @@ struct Search {
 
 Search prepare(const PinholeCamera& camera, double distance_m, double noise_hz_per_px) {
   const double sway_m = 0.02 * distance_m;
-  const Trajectory motion = trajectory::handheld({.T_center = facing_pose({0, 0, distance_m}),
+  const Trajectory motion = trajectory::handheld({.T_centre = facing_pose({0, 0, distance_m}),
                                                   .amplitude_m = {sway_m, sway_m, sway_m},
                                                   .frequency_hz = 1.3,
                                                   .seed = 3});

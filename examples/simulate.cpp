@@ -130,7 +130,7 @@ Trajectory make_motion(const Options& o, std::size_t place, std::size_t places) 
   const double spacing = 1.6 * o.marker_length;
   const double x = (static_cast<double>(place) - 0.5 * (static_cast<double>(places) - 1)) * spacing;
   const Eigen::Isometry3d centre = facing_pose({x, 0, o.distance_m});
-  const Trajectory sway = trajectory::handheld({.T_center = centre,
+  const Trajectory sway = trajectory::handheld({.T_centre = centre,
                                                 .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
                                                 .frequency_hz = o.frequency_hz,
                                                 .seed = o.sensor.seed + place});

@@ -30,7 +30,7 @@ inline CodeBits code(int id = 0) {
 /// Hand-held sway, its fastest moments at about 1100 px/s.
 inline Trajectory near_motion(std::uint64_t seed) {
   return trajectory::handheld(
-      {.T_center = facing_pose({0, 0, 0.6}), .amplitude_m = {0.10, 0.08, 0.10}, .frequency_hz = 1.3, .seed = seed});
+      {.T_centre = facing_pose({0, 0, 0.6}), .amplitude_m = {0.10, 0.08, 0.10}, .frequency_hz = 1.3, .seed = seed});
 }
 
 /// Every event of a simulation.

@@ -42,7 +42,7 @@ TEST_CASE("a verdict counts errors, wild stretches, losses, strangers and covere
   bench::Situation situation{
       {{640, 480}, 533, 533, 319.5, 239.5}, {}, {.duration_s = 0.1}};  // ten slots, the pose at rest
   situation.scene.markers.push_back(bench::detail::marker(3, 0.1, trajectory::still(facing_pose({0, 0, 0.6}))));
-  situation.scene.occluders.push_back({.center_px = [](double) { return Eigen::Vector2d(320, 240); },
+  situation.scene.occluders.push_back({.centre_px = [](double) { return Eigen::Vector2d(320, 240); },
                                        .half_size_px = {200, 200},
                                        .from_s = 0.04,
                                        .until_s = 0.06});

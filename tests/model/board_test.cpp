@@ -382,7 +382,7 @@ TEST_CASE("a board detector knows boards and markers by their ids, and refuses b
 
 TEST_CASE("a plate of four markers has one pose, and a better one than one of its markers alone") {
   const Trajectory motion = trajectory::handheld(
-      {.T_center = facing_pose({0, 0, 0.6}), .amplitude_m = {0.08, 0.06, 0.08}, .frequency_hz = 1.3, .seed = 71});
+      {.T_centre = facing_pose({0, 0, 0.6}), .amplitude_m = {0.08, 0.06, 0.08}, .frequency_hz = 1.3, .seed = 71});
   const Board board = plate();
   const auto events = record(board, motion, 0.6, 71);
   REQUIRE(events.size() > 200000);
@@ -408,7 +408,7 @@ TEST_CASE("three sides of a cube are found and tracked as one body, also while o
   const Board board = corner();
   const Isometry3d ahead = corner_ahead(0.5);
   const Vector3d away = Vector3d::UnitZ().cross(Vector3d(-ahead.linear().col(0))).normalized();
-  const Trajectory sway = trajectory::handheld({.T_center = ahead,
+  const Trajectory sway = trajectory::handheld({.T_centre = ahead,
                                                 .amplitude_m = {0.05, 0.04, 0.05},
                                                 .amplitude_rad = {0.1, 0.1, 0.15},
                                                 .frequency_hz = 1.3,
@@ -454,7 +454,7 @@ TEST_CASE("a wireframe in three dimensions, neither sides nor dark areas known, 
   for (BoardMarker& m : squares.markers) m.bits.setZero();
   MarkerModel wireframe = make_board_model(squares);
   REQUIRE(wireframe.segments.size() == 12);
-  const Trajectory motion = trajectory::handheld({.T_center = corner_ahead(0.5),
+  const Trajectory motion = trajectory::handheld({.T_centre = corner_ahead(0.5),
                                                   .amplitude_m = {0.06, 0.05, 0.06},
                                                   .amplitude_rad = {0.2, 0.2, 0.3},
                                                   .frequency_hz = 1.3,

@@ -24,7 +24,7 @@ struct Rest {
 
 Trajectory moves_and_rests(double rest_s) {
   const Trajectory sway = trajectory::handheld(
-      {.T_center = facing_pose({0, 0, 0.5}), .amplitude_m = {0.06, 0.04, 0.06}, .frequency_hz = 1.3, .seed = 11});
+      {.T_centre = facing_pose({0, 0, 0.5}), .amplitude_m = {0.06, 0.04, 0.06}, .frequency_hz = 1.3, .seed = 11});
   return trajectory::stop_and_go(sway, {{kMove_s, rest_s}, {kMove_s, 0}});
 }
 

@@ -95,7 +95,7 @@ TEST_CASE("a sheet that reaches behind the camera is drawn where it is in front"
 
 TEST_CASE("occluders stand in front, between their times") {
   const Scene scene{{marker_at(facing_pose({0, 0, 1}), 0.3, 0)},
-                    {{.center_px = [](double s) { return Eigen::Vector2d(100 + 10 * s, 80); },
+                    {{.centre_px = [](double s) { return Eigen::Vector2d(100 + 10 * s, 80); },
                       .half_size_px = {10, 5},
                       .shade = 0.3,
                       .from_s = 1,

@@ -9,7 +9,7 @@ namespace {
 Scene good() {
   Scene scene;
   scene.markers.push_back({.bits = CodeBits::Zero(2, 2), .T_camera_marker = trajectory::still(facing_pose({0, 0, 1}))});
-  scene.occluders.push_back({.center_px = [](double) { return Eigen::Vector2d(1, 2); }});
+  scene.occluders.push_back({.centre_px = [](double) { return Eigen::Vector2d(1, 2); }});
   return scene;
 }
 
@@ -28,8 +28,8 @@ TEST_CASE("a scene that makes no sense is refused with the field's name") {
   scene.markers[0].T_camera_marker = [](double) { return facing_pose({0, 0, std::nan("")}); };
   CHECK_THROWS_WITH_AS(validate(scene), "scene: marker 0: T_camera_marker is not finite at 0 s", std::invalid_argument);
   scene = good();
-  scene.occluders[0].center_px = nullptr;
-  CHECK_THROWS_WITH_AS(validate(scene), "scene: occluder 0: center_px is not set", std::invalid_argument);
+  scene.occluders[0].centre_px = nullptr;
+  CHECK_THROWS_WITH_AS(validate(scene), "scene: occluder 0: centre_px is not set", std::invalid_argument);
   scene = good();
   scene.occluders[0].half_size_px = {10, -1};
   CHECK_THROWS_WITH_AS(validate(scene), "scene: occluder 0: half_size_px is -1.000000", std::invalid_argument);

@@ -129,7 +129,7 @@ TEST_CASE("after its dead time a pixel starts from the brightness that it sees t
 TEST_CASE("a pixel follows a step of light as slowly as it is dark after it") {
   // A board of 0.1 before a background of 0.4, from 30 ms to 60 ms.
   const Scene scene{{},
-                    {{.center_px = [](double) { return Eigen::Vector2d(160, 120); },
+                    {{.centre_px = [](double) { return Eigen::Vector2d(160, 120); },
                       .half_size_px = {30, 30},
                       .shade = 0.1,
                       .from_s = 0.03,

@@ -286,7 +286,7 @@ TEST_CASE("with a distorting lens events lie on the distorted edges") {
 
 TEST_CASE("an occluder hides what is behind it and makes events where it moves itself") {
   auto scene = moving_right(500);
-  scene.occluders.push_back({.center_px = [](double) { return Eigen::Vector2d(200, 120); }, .half_size_px = {30, 60}});
+  scene.occluders.push_back({.centre_px = [](double) { return Eigen::Vector2d(200, 120); }, .half_size_px = {30, 60}});
   const auto inside = [](const Event& e) { return std::abs(e.x - 200) < 27 && std::abs(e.y - 120) < 57; };
   const auto count = [&](const Scene& s, bool within) {
     const auto events = events_of({kCamera, s, ideal()});
@@ -296,7 +296,7 @@ TEST_CASE("an occluder hides what is behind it and makes events where it moves i
   CHECK(count(scene, true) == 0);
   CHECK(count(scene, false) > 1000);
 
-  Scene only{{}, {{.center_px = [](double s) { return Eigen::Vector2d(100 + 500 * s, 120); }}}, {}};
+  Scene only{{}, {{.centre_px = [](double s) { return Eigen::Vector2d(100 + 500 * s, 120); }}}, {}};
   const auto events = events_of({kCamera, only, ideal()});
   CHECK(events.size() > 1000);
 }
@@ -304,7 +304,7 @@ TEST_CASE("an occluder hides what is behind it and makes events where it moves i
 TEST_CASE("an occluder is there only between its times") {
   const auto centre = [](double) { return Eigen::Vector2d(160, 120); };
   const Scene scene{
-      {}, {{.center_px = centre, .half_size_px = {20, 20}, .shade = 0.1, .from_s = 0.03, .until_s = 0.06}}, {}};
+      {}, {{.centre_px = centre, .half_size_px = {20, 20}, .shade = 0.1, .from_s = 0.03, .until_s = 0.06}}, {}};
   const auto events = events_of({kCamera, scene, ideal()});
   REQUIRE(events.size() > 1000);
   for (const Event& e : events) {

@@ -55,8 +55,8 @@ TEST_CASE("hand-held sway moves on every axis, stays within its amplitudes and i
   Eigen::Vector3d reach = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
   for (int i = 0; i < 10000; ++i) {
     const auto T = trajectory(i * 1e-3);
-    reach = reach.cwiseMax((T.translation() - sway.T_center.translation()).cwiseAbs());
-    turn = turn.cwiseMax(so3_log(T.linear() * sway.T_center.linear().transpose()).cwiseAbs());
+    reach = reach.cwiseMax((T.translation() - sway.T_centre.translation()).cwiseAbs());
+    turn = turn.cwiseMax(so3_log(T.linear() * sway.T_centre.linear().transpose()).cwiseAbs());
   }
   for (int axis = 0; axis < 3; ++axis) {
     CHECK(reach(axis) <= sway.amplitude_m(axis) + 1e-12);

@@ -60,7 +60,7 @@ TEST_CASE("far away, where both look alike, none is called tracking before the e
   const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
   for (const std::uint64_t seed : {82u, 83u, 84u, 85u}) {
     const Trajectory motion = trajectory::handheld(
-        {.T_center = facing_pose({0, 0, 1.5}), .amplitude_m = {0.25, 0.18, 0.25}, .frequency_hz = 1.3, .seed = seed});
+        {.T_centre = facing_pose({0, 0, 1.5}), .amplitude_m = {0.25, 0.18, 0.25}, .frequency_hz = 1.3, .seed = seed});
     const auto events = simulated::near_events(motion, 0.3, seed);
     for (const bool right_one_first : {true, false}) {
       CAPTURE(seed);

@@ -91,7 +91,7 @@ TEST_CASE("a marker that is hidden for 200 ms is reported lost and found again")
     return {320 + (s - 0.80) / 0.05 * 720, 240};
   };
   const Scene scene{{{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motion}},
-                    {{.center_px = board, .half_size_px = {300, 220}}},
+                    {{.centre_px = board, .half_size_px = {300, 220}}},
                     {}};
   const auto events = simulated::record({simulated::camera, scene, {.duration_s = 1.4, .seed = 53}});
   Tracker tracker(simulated::camera, aruco());
@@ -138,7 +138,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
   other(0, 0) ^= 1;
   const Scene scene{{{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = moved(left, -0.12)},
                      {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = moved(middle, 0.08)}},
-                    {{.center_px = board, .half_size_px = {150, 240}}},
+                    {{.centre_px = board, .half_size_px = {150, 240}}},
                     {}};
   const auto events = simulated::record({simulated::camera, scene, {.duration_s = 0.8, .seed = 56}});
   const auto run = [&](std::size_t together) {
@@ -185,7 +185,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
 TEST_CASE("where markers meet, events that come together give the same poses, bit for bit") {
   const auto sway = [](const Eigen::Vector3d& centre, std::uint64_t seed) {
     return trajectory::handheld(
-        {.T_center = facing_pose(centre), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 1.3, .seed = seed});
+        {.T_centre = facing_pose(centre), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 1.3, .seed = seed});
   };
   // One covers the other's edges in part and by the end wholly: lost there, or at least unreliable.
   const Trajectory behind = sway({-0.03, 0, 0.62}, 62);
@@ -298,7 +298,7 @@ TEST_CASE("a detection that leaves no doubt refutes what was found at another ti
 TEST_CASE("a marker that was moved while the camera was restarted is found where it is now") {
   const auto sway = [](double x_m) {  // on that side of the image
     return trajectory::handheld(
-        {.T_center = facing_pose({x_m, 0, 0.6}), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 2, .seed = 61});
+        {.T_centre = facing_pose({x_m, 0, 0.6}), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 2, .seed = 61});
   };
   const Trajectory before = sway(-0.2), after = sway(0.2);
   constexpr double kStart_s = 1000;
@@ -393,7 +393,7 @@ TEST_CASE("times at the ends of their range do no harm") {
 TEST_CASE("several markers are tracked at once, each by its own id") {
   const auto place = [](double x, std::uint64_t seed) {
     return trajectory::handheld(
-        {.T_center = facing_pose({x, 0, 0.6}), .amplitude_m = {0.03, 0.06, 0.05}, .frequency_hz = 1.3, .seed = seed});
+        {.T_centre = facing_pose({x, 0, 0.6}), .amplitude_m = {0.03, 0.06, 0.05}, .frequency_hz = 1.3, .seed = seed});
   };
   const std::map<MarkerId, Trajectory> motions{{0, place(-0.15, 58)}, {1, place(0.15, 59)}};
   std::vector<SimulatedMarker> markers;
@@ -418,7 +418,7 @@ TEST_CASE("several markers are tracked at once, each by its own id") {
 TEST_CASE("a marker that another one covers in part is followed by its own edges, not by the other's paper") {
   const auto sway = [](const Eigen::Vector3d& centre, const Eigen::Vector3d& amplitude_m, std::uint64_t seed) {
     return trajectory::handheld(
-        {.T_center = facing_pose(centre), .amplitude_m = amplitude_m, .frequency_hz = 1.3, .seed = seed});
+        {.T_centre = facing_pose(centre), .amplitude_m = amplitude_m, .frequency_hz = 1.3, .seed = seed});
   };
   constexpr double kHalf = simulated::kMarkerLength / 2, kHalfPaper = kHalf * 8 / 6;  // with a rim of one of six cells
   for (const std::uint64_t seed : {62u, 63u, 65u}) {
@@ -468,7 +468,7 @@ TEST_CASE("a marker that another one covers in part is followed by its own edges
 namespace {
 
 // 1.2 m away and tilted, the marker looks almost the same tilted the other way.
-const Trajectory kTilted = trajectory::handheld({.T_center = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),
+const Trajectory kTilted = trajectory::handheld({.T_centre = facing_pose({0, 0, 1.2}, {0.5, 0.2, 0}),
                                                  .amplitude_m = {0.15, 0.12, 0.1},
                                                  .amplitude_rad = {0.05, 0.05, 0.1},
                                                  .frequency_hz = 1.3,

@@ -56,7 +56,7 @@ const Recording& hidden_once() {
     r.motion =
         trajectory::linear(facing_pose({-0.15, 0.02, 0.6}, {0.2, 0.1, 0.3}), {0.25, 0.025, 0.0125}, {0.2, 0.3, 0.4});
     const Occluder cover{
-        .center_px = [motion = r.motion](double t) { return simulated::camera.project(motion(t).translation()); },
+        .centre_px = [motion = r.motion](double t) { return simulated::camera.project(motion(t).translation()); },
         .half_size_px = {70, 70},
         .from_s = 0.4,
         .until_s = 0.52};
@@ -188,7 +188,7 @@ struct TouchedBox {
 
   explicit TouchedBox(std::uint64_t seed) {
     Random random(seed);
-    motion = trajectory::handheld({.T_center = facing_pose({0, 0, 0.2}),
+    motion = trajectory::handheld({.T_centre = facing_pose({0, 0, 0.2}),
                                    .amplitude_m = {0.025, 0.025, 0.03},
                                    .amplitude_rad = {0.35, 0.35, 0.5},
                                    .frequency_hz = 0.7,
@@ -205,7 +205,7 @@ struct TouchedBox {
     for (const bool left : {true, false}) {
       const Eigen::Vector3d corner((left ? -0.5 : 0.5) * kMarkerLength, 0.5 * kMarkerLength, 0);
       const double phase = random.uniform(0, 2 * std::numbers::pi);
-      scene.occluders.push_back({.center_px =
+      scene.occluders.push_back({.centre_px =
                                      [camera = camera, motion = motion, corner, phase](double s) {
                                        const Eigen::Vector2d way(std::sin(3 * s + phase), std::sin(2 * s + 2 * phase));
                                        return Eigen::Vector2d(camera.project(motion(s) * corner) + 4 * way);

@@ -79,8 +79,8 @@ class MarkerView {
     }
     radius_ = whole ? 0 : std::numeric_limits<double>::infinity();
     if (!whole) return;
-    center_ = probes_[12];
-    for (const Vec2& point : probes_) radius_ = std::max(radius_, norm(point - center_));
+    centre_ = probes_[12];
+    for (const Vec2& point : probes_) radius_ = std::max(radius_, norm(point - centre_));
   }
 
   /// True if a part of the sheet is in front of the camera, in or out of its field of view.
@@ -92,7 +92,7 @@ class MarkerView {
 
   /// Distance of a line of sight from a circle around the sheet [px]; negative inside.
   double distance_px(const Sight& sight) const {
-    return (norm(sight.m() - center_) - radius_) / static_cast<double>(sight.scale());
+    return (norm(sight.m() - centre_) - radius_) / static_cast<double>(sight.scale());
   }
 
   /// What a pixel sees of the sheet through a Gaussian blur.
@@ -107,7 +107,7 @@ class MarkerView {
     };
     if (!visible_) return {0, 0, 0, std::numeric_limits<double>::infinity()};
     const Vec2 m = sight.m();
-    if (squared_norm(m - center_) > radius_ * radius_)
+    if (squared_norm(m - centre_) > radius_ * radius_)
       if (const double to_circle = safe_clearance(distance_px(sight), false); to_circle > 0)
         return {0, 0, 0, to_circle};
     const auto product_with_sight = [&](const Vec3& row) { return row.x * m.x + row.y * m.y + row.z; };
@@ -134,7 +134,7 @@ class MarkerView {
  private:
   bool visible_ = false, back_ = false;
   std::array<Vec3, 3> grid_;  // maps a line of sight to homogeneous grid coordinates (a, b, 1) / depth
-  Vec2 center_;               // circle around the sheet on the plane z = 1
+  Vec2 centre_;               // circle around the sheet on the plane z = 1
   double radius_ = 0;         // infinite where part of the sheet is behind the camera
   std::array<Vec2, 25> probes_;
 };

@@ -45,7 +45,7 @@ inline std::vector<SimulatedMarker> simulated_markers(const Board& board, const 
 
 /// An opaque upright rectangle in front of everything else.
 struct Occluder {
-  std::function<Eigen::Vector2d(double seconds)> center_px;  ///< in the distorted image
+  std::function<Eigen::Vector2d(double seconds)> centre_px;  ///< in the distorted image
   Eigen::Vector2d half_size_px{50, 50};
   double shade = 0.3;                                        ///< its reflectance
   double from_s = -std::numeric_limits<double>::infinity();  ///< it is there from this time on
@@ -85,7 +85,7 @@ inline void validate(const Scene& scene) {
   for (std::size_t i = 0; i < scene.occluders.size(); ++i) {
     const auto& occluder = scene.occluders[i];
     const std::string name = "occluder " + std::to_string(i) + ": ";
-    if (!occluder.center_px) throw std::invalid_argument("scene: " + name + "center_px is not set");
+    if (!occluder.centre_px) throw std::invalid_argument("scene: " + name + "centre_px is not set");
     require.positive(occluder.half_size_px.x(), name + "half_size_px");
     require.positive(occluder.half_size_px.y(), name + "half_size_px");
     require.positive(occluder.shade, name + "shade");

@@ -96,7 +96,7 @@ class SceneRenderer {
  private:
   // A circle on the plane z = 1 that contains the lines of sight of a tile.
   struct TileSight {
-    Sight center;      // that of the tile's first pixel
+    Sight centre;      // that of the tile's first pixel
     double radius_px;  // infinite if a pixel has no line of sight
     Vec2 corner;       // the tile's first pixel
   };
@@ -131,7 +131,7 @@ class SceneRenderer::Frame {
 
   struct OccluderView {
     bool visible = false;
-    Vec2 center;
+    Vec2 centre;
   };
   std::vector<MarkerView> markers_;
   std::vector<OccluderView> occluders_;
@@ -167,8 +167,8 @@ inline void SceneRenderer::compute_sights() {
         begin[0], 0, Vec2(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
     for (std::size_t i = 0; i < TileGrid::kPixelsPerTile; ++i)
       if (grid_.on_sensor(tile * TileGrid::kPixelsPerTile + i)) {
-        const float x = begin[i].x - view.center.x, y = begin[i].y - view.center.y;
-        const double distance = static_cast<double>(std::sqrt(x * x + y * y) / view.center.scale() * 1.5f);
+        const float x = begin[i].x - view.centre.x, y = begin[i].y - view.centre.y;
+        const double distance = static_cast<double>(std::sqrt(x * x + y * y) / view.centre.scale() * 1.5f);
         view.radius_px =
             std::isfinite(distance) ? std::max(view.radius_px, distance) : std::numeric_limits<double>::infinity();
       }
@@ -185,8 +185,8 @@ inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
   for (const auto& occluder : scene_.occluders) {
     auto& view = frame.occluders_.emplace_back();
     if (seconds < occluder.from_s || seconds >= occluder.until_s) continue;
-    view.center = occluder.center_px(seconds);
-    view.visible = is_finite(view.center);
+    view.centre = occluder.centre_px(seconds);
+    view.visible = is_finite(view.centre);
   }
   return frame;
 }
@@ -201,8 +201,8 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
   for (const std::size_t i : activity.occluders) {
     const auto& view = frame.occluders_[i];
     if (!view.visible) continue;
-    const Vec2 half_size = scene_.occluders[i].half_size_px, from_center = pixel - view.center;
-    const Vec2 inside{half_size.x - std::abs(from_center.x), half_size.y - std::abs(from_center.y)};
+    const Vec2 half_size = scene_.occluders[i].half_size_px, from_centre = pixel - view.centre;
+    const Vec2 inside{half_size.x - std::abs(from_centre.x), half_size.y - std::abs(from_centre.y)};
     clearance = std::min(clearance, std::abs(std::min(inside.x, inside.y)) - kEdgeReach * point_spread_px_);
     const auto profile = [&](double near_side, double half) {
       const double far_side = 2 * half - near_side;
@@ -262,7 +262,7 @@ inline SceneRenderer::Motion SceneRenderer::motion(const Frame& from, const Fram
   for (std::size_t i = 0; i < from.occluders_.size(); ++i) {
     const auto &before = from.occluders_[i], &after = to.occluders_[i];
     const bool moves = before.visible && after.visible;
-    motion.occluders.push_back(moves ? norm(after.center - before.center) : 0);
+    motion.occluders.push_back(moves ? norm(after.centre - before.centre) : 0);
     motion.largest = std::max(motion.largest, motion.occluders.back());
   }
   return motion;
@@ -284,17 +284,17 @@ inline void SceneRenderer::compute_activity(std::size_t tile, const Frame& from,
   for (std::size_t i = 0; i < from.markers_.size(); ++i) {
     const auto &before = from.markers_[i], &after = to.markers_[i];
     const auto reaches = [&](const MarkerView& view) {
-      return view.visible() && !(view.distance_px(sight.center) > sight.radius_px + motion.markers[i] + margin);
+      return view.visible() && !(view.distance_px(sight.centre) > sight.radius_px + motion.markers[i] + margin);
     };
     if (reaches(before) || reaches(after))
       add(activity.markers, i, motion.markers[i],
           1 + before.visible() + 2u * after.visible() + 4u * before.back() + 8u * after.back());
   }
-  const Vec2 center = sight.corner + Vec2(TileGrid::kSide / 2, TileGrid::kSide / 2);
+  const Vec2 centre = sight.corner + Vec2(TileGrid::kSide / 2, TileGrid::kSide / 2);
   for (std::size_t i = 0; i < from.occluders_.size(); ++i) {
     const auto &before = from.occluders_[i], &after = to.occluders_[i];
     const auto reaches = [&](const Frame::OccluderView& view) {
-      const Vec2 away = center - view.center, half_size = scene_.occluders[i].half_size_px;
+      const Vec2 away = centre - view.centre, half_size = scene_.occluders[i].half_size_px;
       const double outside = std::max(std::abs(away.x) - half_size.x, std::abs(away.y) - half_size.y);
       return view.visible && outside < TileGrid::kSide / 2 + motion.occluders[i] + margin;
     };

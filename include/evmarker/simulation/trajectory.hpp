@@ -89,7 +89,7 @@ inline Trajectory spin(const Eigen::Isometry3d& T_start, const Eigen::Vector3d& 
 
 /// Parameters of `handheld`: the sway of a hand that holds the marker or the camera.
 struct Handheld {
-  Eigen::Isometry3d T_center = facing_pose({0, 0, 0.6});
+  Eigen::Isometry3d T_centre = facing_pose({0, 0, 0.6});
   Eigen::Vector3d amplitude_m{0.05, 0.04, 0.05};    ///< largest excursion of the centre, per camera axis
   Eigen::Vector3d amplitude_rad{0.25, 0.25, 0.35};  ///< largest element of the rotation vector, per camera axis
   double frequency_hz = 1.0;                        ///< of the slowest of the three sines on each axis
@@ -98,7 +98,7 @@ struct Handheld {
 
 /// Hand-held sway: along and about each camera axis the sum of three sines without a common period.
 inline Trajectory handheld(const Handheld& sway = {}) {
-  detail::require_finite(sway.T_center);
+  detail::require_finite(sway.T_centre);
   detail::require_finite(sway.amplitude_m, "amplitude_m");
   detail::require_finite(sway.amplitude_rad, "amplitude_rad");
   detail::require(std::isfinite(sway.frequency_hz) && sway.frequency_hz >= 0, "frequency_hz", sway.frequency_hz);
@@ -121,7 +121,7 @@ inline Trajectory handheld(const Handheld& sway = {}) {
     for (std::size_t axis = 0; axis < axes.size(); ++axis)
       for (const Sine& sine : axes[axis]) wave[axis] += sine.weight * std::sin(sine.rad_per_s * seconds + sine.phase);
     const Vec3 m = sway.amplitude_m, rad = sway.amplitude_rad;
-    return evmarker::detail::moved(sway.T_center, {{m.x * wave[0], m.y * wave[1], m.z * wave[2]},
+    return evmarker::detail::moved(sway.T_centre, {{m.x * wave[0], m.y * wave[1], m.z * wave[2]},
                                                    {rad.x * wave[3], rad.y * wave[4], rad.z * wave[5]}});
   };
 }
