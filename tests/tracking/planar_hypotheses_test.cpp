@@ -79,3 +79,34 @@ TEST_CASE("far away, where both look alike, none is called tracking before the e
     }
   }
 }
+
+TEST_CASE("events may be missing for as long as either pose survives that") {
+  const UndistortionTable lines(simulated::camera);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  const Trajectory motion = simulated::near_motion(83);
+  Eigen::Isometry3d tilted = motion(0);
+  tilted.linear() = Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitX()).toRotationMatrix() * tilted.linear();
+  const MarkerTrackerSettings<KalmanUpdate> settings{.start_search = std::nullopt};
+  const auto events = simulated::near_events(motion, 0.002, 83);
+  int one_survives = 0, none_survives = 0;
+  for (const bool right_one_first : {true, false})
+    for (int missing_us = 1100; missing_us < 100000; missing_us += missing_us / 16) {
+      CAPTURE(missing_us);
+      const auto survives = [&](const Eigen::Isometry3d& start) {
+        MarkerTracker<KalmanUpdate> alone(lines, model, start, settings);
+        alone.set_ambiguous(true);
+        alone.push_checked(events, [](const PoseEstimate&) {});
+        return alone.skip(std::chrono::microseconds(missing_us)) == nullptr;
+      };
+      const bool right = survives(motion(0)), other = survives(tilted);
+      PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), tilted, right_one_first), settings);
+      marker.push(events, [](const PoseEstimate&) {});
+      const PoseEstimate* const last = marker.skip(std::chrono::microseconds(missing_us));
+      CHECK((last == nullptr) == (right || other));
+      if (last) CHECK(last->quality.state == TrackingState::lost);
+      one_survives += right != other;
+      none_survives += !right && !other;
+    }
+  CHECK(one_survives > 0);
+  CHECK(none_survives > 0);
+}

@@ -51,7 +51,7 @@ class PlanarHypotheses {
   Box reach(double border_cells = 0) const noexcept {
     return rival_ ? Box::everywhere() : tracker_.reach(border_cells);
   }
-  /// See MarkerTracker::stays.
+  /// See MarkerTracker::unchanged_by_next.
   bool unchanged_by_next(std::size_t events) const noexcept {
     return events == 0 || (!rival_ && tracker_.unchanged_by_next(events));
   }
