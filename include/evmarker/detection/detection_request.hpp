@@ -32,7 +32,7 @@ struct DetectionRequest {
 enum class Sighting {
   none,       ///< its code is not read at the tracked pose
   there,      ///< its code is read at the tracked pose
-  wrong_tilt  ///< it was detected, without an alternative, at a clearly different tilt
+  wrong_tilt  ///< it was detected with only one possible pose, and that is clearly tilted against the tracked one
 };
 
 /// What a detector found in the frame of a request.
@@ -50,7 +50,8 @@ struct DetectionResult {
   std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
 };
 
-/// True if a pose is within half of the marker's size from where the marker was detected.
+/// True if the marker's centre at a pose is, in the image, less than half of the detected marker's mean diagonal from
+/// its centre as detected.
 inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker,
                        double focal_length) noexcept {
   const Vec2 a = on_plane(translation(detection.T_camera_marker)), b = on_plane(translation(T_camera_marker));

@@ -13,7 +13,7 @@
 
 namespace evmarker {
 
-/// The value of a window with which the filter sets its window by the measured background activity.
+/// Given as the window, makes the filter choose its window by the measured background activity.
 inline constexpr std::chrono::microseconds kAutomaticWindow{0};
 /// The window of the paper's filter.
 inline constexpr std::chrono::microseconds kPaperWindow{2000};
@@ -22,12 +22,12 @@ inline constexpr std::chrono::microseconds kPaperWindow{2000};
 /// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
 /// not support itself. With a window of 2000 us this is the paper's preprocessing.
 ///
-/// A fixed window sets the slowest edge whose events are accepted: neighbouring pixels along its path fire one after
-/// the other, as far apart in time as the edge needs for a pixel. The automatic window is 0.01 / r, where r [Hz/px] is
-/// the background activity measured so far: a share of 1 - exp(-8 r window) of the noise, one event in thirteen, is
-/// accepted. It is at most 50 ms, enough for edges from 20 px/s on; with a longer one, the events of an edge that
-/// passed long ago would support noise. It is at least 0.5 ms, reached at 20 Hz/px; with a shorter one, events of edges
-/// slower than 2000 px/s would be accepted only by chance.
+/// A fixed window sets from which speed on an edge's events are sure to be accepted: neighbouring pixels along its path
+/// fire one after the other, as far apart in time as the edge needs for a pixel. The automatic window is 0.01 / r,
+/// where r [Hz/px] is the background activity measured so far: a share of 1 - exp(-8 r window) of the noise, one event
+/// in thirteen, is accepted. It is at most 50 ms, enough for edges from 20 px/s on; with a longer one, the events of an
+/// edge that passed long ago would support noise. It is at least 0.5 ms, reached at 20 Hz/px; with a shorter one,
+/// events of edges slower than 2000 px/s would be accepted only by chance.
 class SpatiotemporalFilter {
  public:
   /// @param window `kAutomaticWindow`, or a fixed one of up to 8 minutes
@@ -80,7 +80,9 @@ class SpatiotemporalFilter {
   // Only the low 32 bits of a time are kept; they repeat after 71 minutes. So that old times never seem recent again, a
   // sweep sets all times outside of the window to 2^31 us (36 min) from now, whenever time has moved by more than
   // kSweepInterval (18 min) since the last one. If time has moved by kSweepInterval + window at once, no stored time
-  // can be within the window, and all are set. Both need 2 window < kSweepInterval: the window is limited to 8 min.
+  // can be within the window, and all are set. At a sweep that does not set
+  // all, a time set by the one before may seem as near as kSweepInterval - window, which must be more than the window:
+  // hence the limit of 8 min.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;  // [us]
   static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;        // [us], as far as 32 bits can be from a time
 

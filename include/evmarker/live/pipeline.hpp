@@ -197,8 +197,10 @@ class Pipeline {
       left =
           left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, feed_detector, deliver_timed));
       if (!due) continue;
-      if (should_detect(*due))
-        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame(), !core_->searching());
+      if (should_detect(*due)) {
+        const bool may_wait = !core_->searching();  // for a free processor, as no marker is missing
+        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame(), may_wait);
+      }
       if (should_wait_for_result(*due))
         while (core_->result_pending() && !stopping_) receive_detection(kPatience, deliver_timed);
     }

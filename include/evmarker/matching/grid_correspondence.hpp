@@ -15,7 +15,7 @@ namespace evmarker {
 struct EdgeGeometry {
   double distance_px;    ///< Eq. (1), positive on the dark side
   Vec2 normal;           ///< of the edge's image, toward its dark side
-  Vec3 gradient;         ///< derivative by E of the place of E's image along it [px/m]
+  Vec3 gradient;         ///< how E's image moves along `normal` with E: derivative by E [px/m]
   ClosestPoints points;  ///< Eqs. (3) to (5)
 };
 

@@ -17,10 +17,11 @@
 
 namespace evmarker {
 
-/// Matches like SegmentMatcher, with the same result for every event. On a code marker it need not go through all
-/// segments: the inverse homography takes the event into the marker's grid, where rounding gives the nearest vertical
-/// and horizontal line, and a table has their edges. Other wireframes, and poses at which more lines than these two may
-/// be within reach (cells smaller than about 4.5 px, markers seen edge-on), are left to the SegmentMatcher.
+/// Matches like SegmentMatcher: after `project` with the same result for every event, after `move` nearly so. On a code
+/// marker it need not go through all segments: the inverse homography takes the event into the marker's grid, where
+/// rounding gives the nearest vertical and horizontal line, and a table has their edges. Other wireframes, and poses at
+/// which more lines than these two may be within reach (cells smaller than about 4.5 px, markers seen edge-on), are
+/// left to the SegmentMatcher.
 class GridMatcher {
  public:
   using Stretch = GridEdges::Stretch;  ///< a piece of a grid line with the edge on it, if any
@@ -59,8 +60,9 @@ class GridMatcher {
     return on_grid_ || segments_.project(T_camera_marker);
   }
 
-  /// Sets the pose. While no corner has moved by `max_shift_px` since the last `project`, events keep the edges that
-  /// were chosen there, and only their distances are taken at the new pose; otherwise the same as `project`.
+  /// Sets the pose. While no corner has moved by `max_shift_px` since the last `project`, it is still decided at that
+  /// pose which edge an event matches, if any, and only the distance to it is taken at the new one; otherwise the same
+  /// as `project`.
   bool move(const Eigen::Isometry3d& T_camera_marker, double max_shift_px) noexcept {
     if (on_grid_ && projected_.project(T_camera_marker) &&
         projected_.near(edge_choice_corners_, max_shift_px / focal_length_)) [[likely]]
@@ -140,7 +142,8 @@ class GridMatcher {
     return choose_carefully(sight, edge_choice_grid_.nearest_lines(sight));
   }
 
-  /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose.
+  /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose. `near` only if the edge points at
+  /// the camera, which does not happen at poses on the grid.
   [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, Vec2 m,
                                                 Correspondence& correspondence) const noexcept {
     return evmarker::correspond(projected_, edge, m, focal_length_, correspondence) ? MatchResult::matched
@@ -151,7 +154,7 @@ class GridMatcher {
   const ProjectedGrid& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  /// @param border_cells around a code marker, the least width of what it contains [cells]
+  /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
     if (!on_grid_) return segments_.reach();
     const double fringe = std::max(fringe_, border_cells);
@@ -183,7 +186,8 @@ class GridMatcher {
       return false;  // beyond the horizon
     const simd::Pair foot = simd::smaller(simd::larger(lines.foot_a / lines.foot_w, simd::Pair{} - 0.5),
                                           simd::Pair{} + (edge_choice_grid_.cells() + 0.5));
-    // In a cell, both of these are its number; around a grid point, they differ by one.
+    // Beside cell c, both of these are c; around the point after it, they are c and c + 1. Their sum is the number of
+    // the stretch on its line, counted from that of cell 0, see GridEdges::stretches.
     const simd::Pair number = (foot - (0.5 - end_margin_cells_)) + ProjectedGrid::kRounding;
     const simd::Pair other_number = (foot - (0.5 + end_margin_cells_)) + ProjectedGrid::kRounding;
     const auto stretch = [&](int i) {
@@ -291,7 +295,7 @@ class GridMatcher {
   double rate_ = 0;              // that the following were computed for
   bool fits_ = false;            // see update_bounds()
   double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
-  double end_margin_cells_ = 0;  // at most
+  double end_margin_cells_ = 0;  // upper bound of end_margin_ at this pose [cells]
 };
 
 }  // namespace evmarker

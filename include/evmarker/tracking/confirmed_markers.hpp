@@ -17,8 +17,8 @@
 
 namespace evmarker {
 
-/// The announced markers. Gives each event to every marker whose edges may have made it, unless another marker hides
-/// that one there: at once, or queued, so that each marker gets its events in groups.
+/// The announced markers. Gives each event to every marker whose edges may have made it, except those that another
+/// marker covers at that pixel. `push` does so at once; `enqueue` and `flush` give each marker its events in groups.
 template <PoseUpdateRule Rule>
 class ConfirmedMarkers {
  public:
@@ -154,7 +154,8 @@ class ConfirmedMarkers {
     for (std::size_t i = 0; i < markers_.size(); ++i) update_tiles(i);
   }
 
-  // Enters a marker into all tiles where it may have events or, if there are others, where its sheet may hide them.
+  // Enters a marker into all tiles where it may have events or, if there are other markers, where its sheet may hide
+  // theirs.
   void update_tiles(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kSheetRim : 0)); }
 
   // Not inlined: most events belong to one marker only.

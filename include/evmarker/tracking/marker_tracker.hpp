@@ -73,7 +73,7 @@ class MarkerTracker {
   void push(const Events& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
       while (!block.empty()) {
-        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kTimesAtOnce)));
+        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kCheckedTogether)));
         if (count > 0) {
           push_checked(block.first(count), use);
           guard_.passed(block[count - 1].t);
@@ -101,7 +101,9 @@ class MarkerTracker {
 
   /// Goes on after a gap in which a queue or a camera dropped events. Gaps up to kHarmlessGap are ignored. Longer ones
   /// are bridged if the rule estimates the motion and still predicts all vertices to within the matching distance; else
-  /// the marker is lost. A start search begins again.
+  /// the marker is lost. A start search begins again; a marker whose start has just been found is lost while the events
+  /// since then are replayed.
+  /// @param missing length of the gap; it is added to the time of the last event on or near the marker
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
@@ -129,7 +131,7 @@ class MarkerTracker {
 
   /// The pose at a time at or after the last event, predicted by a rule that estimates the velocity. Its covariance
   /// grows with its age.
-  /// @param pushed_until the caller has pushed all events before this time: until then, no events are a measurement,
+  /// @param pushed_until the caller has pushed all events before this time: that none came until then is a measurement,
   /// too, as a moving marker would have made some, and the covariance hardly grows
   PoseEstimate pose_at(Timestamp t, Timestamp pushed_until = kPushedUntilUnknown) const noexcept {
     return extrapolated(estimate(), follower_.rule(), t, pushed_until);
@@ -152,7 +154,7 @@ class MarkerTracker {
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
-  /// @param border_cells around a code marker, the least width of what it contains [cells]
+  /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
     return starting_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
   }
@@ -160,7 +162,7 @@ class MarkerTracker {
   /// True while it tracks and no evidence speaks against that.
   bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
 
-  /// True only if no `events` further events, whichever they are, can change the pose, the state or `reliable()`. May
+  /// True only if the next `events` events, whichever they are, cannot change the pose, the state or `reliable()`. May
   /// be false without need.
   bool unchanged_by_next(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
@@ -252,7 +254,7 @@ class MarkerTracker {
     if (state_ == TrackingState::converging) converge();
   }
 
-  // The first updates only refine the start pose. Once the edges are known to within the matching distance (settled), a
+  // The first updates only refine the start pose. Once it has been refined (settled, see `settles`), a
   // brief verification over the events that follow decides whether the marker is `tracking`.
   [[gnu::noinline]] void converge() noexcept {
     converging_since_ = std::min(converging_since_, t_);
@@ -267,7 +269,9 @@ class MarkerTracker {
     follower_.enable_rest_detection();
   }
 
-  // A start that was searched fits the events already; any other one may be some pixels off.
+  // True once the start has been refined: by enough events, unless it was searched and fits them already, and, if the
+  // rule has a covariance, until the edges are known to within the matching distance. Four times enough events settle
+  // it, too.
   bool settles() const noexcept {
     const int needed = follower_.events_to_fix_pose();
     if constexpr (MotionEstimatingRule<Rule>)
@@ -288,8 +292,8 @@ class MarkerTracker {
 
   const PoseEstimate& refresh_pose() noexcept { return fill(pose_); }
 
-  // Sets everything but the id and the results of verification. In place: at a pose for every event, making and copying
-  // one would cost as much as the matching.
+  // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification. In
+  // place: at a pose for every event, making and copying one would cost as much as the matching.
   PoseEstimate& fill(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;
@@ -363,8 +367,8 @@ class MarkerTracker {
            });
   }
 
-  static constexpr std::size_t kTimesAtOnce =
-      16 * EventGroup::kMost;  // checked before they are tracked: they stay cached
+  // Events whose times are checked in one go, before any of them is tracked: so few that they stay cached.
+  static constexpr std::size_t kCheckedTogether = 16 * EventGroup::kMost;
   static constexpr std::uint64_t kLongestConverging_us = 2000000;
 
   Settings settings_;

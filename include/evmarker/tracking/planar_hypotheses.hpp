@@ -41,7 +41,9 @@ class PlanarHypotheses {
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (rival_) rival_->skip(missing);
     const PoseEstimate* const last = tracker_.skip(missing);
-    return last && rival_ && keep_better() ? nullptr : last;
+    // A loss is not reported if the other pose goes on. A lost rival is dropped with the next pose, see can_decide().
+    if (last && rival_ && keep_better()) return nullptr;
+    return last;
   }
 
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }

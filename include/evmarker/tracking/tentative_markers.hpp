@@ -50,10 +50,10 @@ class TentativeMarker {
   void add(Sighting sighting) noexcept {
     ++frames_;
     sightings_ += sighting == Sighting::there;
-    elsewhere_ = sighting == Sighting::wrong_tilt;
+    wrong_tilt_ = sighting == Sighting::wrong_tilt;
   }
   int sightings() const noexcept { return sightings_; }
-  bool hopeless() const noexcept { return marker_.lost() || elsewhere_ || frames_ > kPatience; }
+  bool hopeless() const noexcept { return marker_.lost() || wrong_tilt_ || frames_ > kPatience; }
 
   PlanarHypotheses<Rule>& marker() noexcept { return marker_; }
   const PlanarHypotheses<Rule>& marker() const noexcept { return marker_; }
@@ -64,7 +64,7 @@ class TentativeMarker {
   PlanarHypotheses<Rule> marker_;
   std::uint64_t next_;       // number of the next event to replay
   std::uint64_t result_at_;  // of the first event after the detector's result: those before it count as replayed
-  bool requested_ = false, elsewhere_ = false;
+  bool requested_ = false, wrong_tilt_ = false;
   int sightings_ = 1, frames_ = 1;  // the first is the detection
 };
 

@@ -13,8 +13,9 @@
 namespace evmarker {
 
 struct TrackHealthSettings {
-  /// Largest probability, for each independent piece of evidence (a pixel that an edge passes, a verification), of
-  /// giving up a marker that is followed.
+  /// Probability, at most, for each independent piece of evidence (a pixel that an edge passes, a verification), of
+  /// giving up a marker that is followed with full confidence. From even odds, as after `restart`, it is the root of
+  /// that.
   double false_alarm_rate = 1e-6;
 };
 
@@ -56,8 +57,8 @@ class TrackHealth {
   }
 
   /// Judges the events since the last call. At the right pose most lie on an edge; at a wrong one they are spread
-  /// evenly, and a third matches by chance. Background at its usual rate is no evidence and is left out: the near
-  /// events, and as many matches as come by chance with them. At rest, all events are background.
+  /// evenly, and a third matches by chance. Background at its usual rate is no evidence: its near events are
+  /// left out, and so are as many matches as come by chance with them. At rest, all events are background.
   [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double background = near_per_us_ * dt_us;
@@ -65,6 +66,7 @@ class TrackHealth {
     const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
     constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
+    // Standard deviation of chance matches from their estimate by the near events: both numbers are random.
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
     // A marker counts as followed from a share half way between chance and the usual one on.

@@ -54,6 +54,8 @@ class TrackerCore {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
     missing_.reserve(settings.max_markers);
+    // One for each event of a batch, and one for each marker that is lost or announced. There are more, which
+    // allocates, only if nearly every event updates several overlapping markers.
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
 
@@ -139,8 +141,10 @@ class TrackerCore {
     tentative_.add(result.sightings);
     announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
+    // After a gap in the events since the frame, what it showed cannot be followed to the present, see skip_to.
+    const bool followable = result.events_in_frame > followable_since_;
     for (const auto& [detection, model] : result.markers) {
-      if (result.events_in_frame <= followable_since_) continue;
+      if (!followable) break;
       drop_contradicted(detection);
       if (tracked(detection.id)) continue;
       if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
@@ -219,7 +223,8 @@ class TrackerCore {
     return taken;
   }
 
-  // After the same events, however they are batched: the schedule of detections depends on it.
+  // True before every kBetweenChecks-th event, counted over all events pushed and not by batch, so that the schedule of
+  // detections, which depends on these checks, is the same however the events are batched.
   bool check_due() const noexcept { return statistics_.events % kBetweenChecks == 0; }
 
   // In the middle of a batch: queued events that may change a marker go first, so that the result is that of single

@@ -19,8 +19,8 @@ struct VerificationSettings {
   int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
   int every = 2;                  ///< the first of this number of windows is backtracked; 1: all, for twice the cost
   double max_translation_px = 5;  ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / size_px where that is more: a small marker's
-  /// opposite sides move by max_translation_px against each other, about each of three axes.
+  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / size_px where that is more: it allows
+  /// opposite sides of a small marker to move by max_translation_px against each other about each axis.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
   std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked early
@@ -42,7 +42,7 @@ enum class VerificationWindow { full, brief };
 
 /// How far the backtracked pose is from the pose that the forward tracker had at the same time.
 struct BacktrackError {
-  double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the projected centre, undistorted pixels
+  double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the marker's projected origin, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
   double angle_rad = 0;       ///< the geodesic angle between the two rotations
   /// By the rule's own covariance: standard deviations, summed over the axes as in Eqs. (13), (14), of both poses
@@ -105,7 +105,8 @@ class Verification {
     begin_filling(forward);
   }
 
-  /// True if backtracking may end, and `push` return an error, within the next `events` events.
+  /// True if backtracking may end, and `push` return an error, within the next `events` events, none of
+  /// which leads to an update.
   bool ends_within(std::size_t events) const noexcept {
     return steps_left_ > 0 && steps_left_ <= kStepsBack * (events + static_cast<std::size_t>(waited_));
   }
@@ -171,7 +172,7 @@ class Verification {
     updates_ = 0;
   }
 
-  // Begins to backtrack at the forward tracker's pose, with cleared averages.
+  // Begins to backtrack with a copy of the forward tracker, at its pose, with the rule reversed, see PoseUpdateRule.
   void turn_back(const EdgeFollower<Rule>& forward) noexcept {
     std::swap(window_, past_);
     steps_left_ = past_.size();
@@ -216,7 +217,7 @@ class Verification {
   }
 
   // Sets the error that is to be expected by the rule's covariance: far away, the tilt of a small marker is less
-  // certain than the threshold, and so is the place after a rest.
+  // certain than the threshold, and so is the place just after a rest, over all of which the filter predicts.
   static void set_expected(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
       const Matrix6d P = follower.rule().covariance();

@@ -63,12 +63,12 @@ class DecoupledUpdate {
   }
 
   /// Sets the trail that is corrected.
-  /// @param events_per_px2 that a pixel makes while an edge passes over it
-  // The width of an edge in focus is assumed. By the residuals it would contain this rule's jitter, and a longer trail
-  // would in turn increase the jitter.
+  /// @param events_per_px2 events per area that edges sweep in the image: as many as a pixel makes in a passage
+  // The width of an edge in focus is assumed. Measured from the residuals, as KalmanUpdate does, it would contain this
+  // rule's jitter: the trail would come out too long, and that would in turn increase the jitter.
   void set_trail_by_event_density(double events_per_px2, double focal_length) noexcept {
     if (!settings_.correct_trail) return;
-    constexpr double kFocusedEdge_px = 2.1;  // at a point spread of 0.6 px
+    constexpr double kFocusedEdge_px = 2.1;  // sqrt(12) times a point spread of 0.6 px
     constexpr double kMost_px = 0.5;         // a jittering pose overestimates the swept area, and so the trail
     trail_over_f2_ =
         std::min(expected_trail_px(kFocusedEdge_px, events_per_px2), kMost_px) / (focal_length * focal_length);
@@ -140,16 +140,18 @@ class DecoupledUpdate {
   using Terms = std::array<double, kTerms>;
 
   /// Eqs. (6), (8), (9), (11) for one event. The paper's (L - I) F is always zero, as F lies on the line of sight, and
-  /// the pose would never move: here it is (L - I) E. After a step, the averages are not recomputed for the new pose;
-  /// measured, just that lets the pose keep up with fast motion.
+  /// the pose would never move: here it is (L - I) E. R* F_i of Eq. (11), the lever arm from the marker's
+  /// origin, is E - T. After a step, the averages are not recomputed for the new pose, so that a pull goes on acting in
+  /// later steps: by measurement, it is this that lets the pose keep up with fast motion.
   /// @param m line of sight M = (m; 1)
   /// @param gradient derivative by E of the place of E's image along the edge's normal [px/m]
   /// @param polarity of the event, 0 if not known on which side the edge is dark
   [[gnu::always_inline]] Terms terms(Vec2 m, Vec3 E, Vec3 F, Vec3 gradient, double polarity, Vec3 T) const noexcept {
     const double inverse_MM = 1 / (m.x * m.x + m.y * m.y + 1);
-    // (L - I) E = F - E. A trail of d pixels along the image normal n, toward the dark side for ON events, is
-    // d Z / f (n; 0) in space, and that is d Z^2 / f^2 (g.x, g.y, 0), as the gradient's g.xy = f / Z n. Of this v, the
-    // part across the line of sight counts: v - (M.v / M.M) M.
+    // (L - I) E = F - E. The correction of a trail of d pixels shifts F by d along the image normal n, toward the dark
+    // side for ON events, which lie on the bright side, and back for OFF events. In space that is d F.z / f (n; 0), and
+    // that is d F.z E.z / f^2 (g.x, g.y, 0), as the gradient's g.xy = f / E.z n. Of this v, the part across the line of
+    // sight counts: v - (M.v / M.M) M.
     const double trail = trail_over_f2_ * polarity * F.z * E.z;
     const double along_sight = inverse_MM * (m.x * gradient.x + m.y * gradient.y);
     const Vec3 pull{F.x - E.x + trail * (gradient.x - along_sight * m.x),

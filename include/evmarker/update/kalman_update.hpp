@@ -55,7 +55,8 @@ class KalmanUpdate {
     P_.bb[kTrail][kTrail] = squared(settings.initial_sigma_trail_px);
   }
 
-  // The running means extend over 1000 events (spread) and 100 events (scales).
+  // The running means extend over 1000 events (spread2_px_, of the squared residuals) and 100 events (scales_, of lever
+  // arm and gradient).
   void set_events_per_update(int events) noexcept {
     spread_share_ = 1 - std::pow(0.999, events);
     scales_share_ = 1 - std::pow(0.99, events);
@@ -156,7 +157,7 @@ class KalmanUpdate {
   /// Corrects the state, the pose and twist included, by a measurement of the trail with a standard deviation of a
   /// quarter of its value. The trail follows from the edge's width, which the spread of the residuals shows. Forgets
   /// the events since the last update.
-  /// @param events_per_px2 that a pixel makes while an edge passes over it
+  /// @param events_per_px2 events per area that edges sweep in the image: as many as a pixel makes in a passage
   void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_px2) noexcept {
     forget_events();
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
@@ -181,7 +182,8 @@ class KalmanUpdate {
   }
 
   /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
-  /// the pose and its covariance hold until then.
+  /// the pose and its covariance hold until then. For copies that predict a pose: `update` keeps the time at rest, so
+  /// that the first update after it predicts over all of the rest.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (signal_weight_ == 0) {
       forget_events();
@@ -328,12 +330,14 @@ class KalmanUpdate {
   }
 
   // Bounds the motion of the edges during dt by the number of events, noise among them: few events mean little motion.
-  // If the velocity, or its standard deviation, takes the edges beyond the bound, both are scaled down to it.
+  // If the velocity, or the standard deviation of its translation, takes the edges beyond the bound, both are scaled
+  // down to it.
   void limit_motion(int events, double dt) noexcept {
     most_motion_m_ = kInfinity;
     if (!(events_per_px_ > 0 && scales_known_)) return;
     constexpr double kSafety = 6;  // for edges parallel to the motion, hidden ones, and fewer events of fast ones
-    // Events come c at a time, in passages, so their number N has the variance N c; one passage more, as N may be 0.
+    // Events come in passages of c = events_per_passage_, so their number N has the variance N c. One passage is added
+    // to N, which may be 0.
     const double deviation = std::sqrt((events + events_per_passage_) * events_per_passage_);
     most_motion_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * std::sqrt(scales_.gradient2));
     const double velocity_sigma = std::sqrt(P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8));
@@ -379,7 +383,8 @@ class KalmanUpdate {
   Vec6 predict_state(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
     lead_s_ = 0;
-    if (dt == 0) return -moved_already * twist_;  // events of the same time, with a pose for each
+    // Updates at the same time, or, after reverse(), back at the state's own time: nothing to predict.
+    if (dt == 0) return -moved_already * twist_;
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });

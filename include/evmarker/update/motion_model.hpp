@@ -5,7 +5,7 @@
 
 namespace evmarker {
 
-/// A discretised Ornstein-Uhlenbeck velocity: x(t + dt) = F x(t) + w, cov(w) = Q, for x = [pose; velocity], with
+/// A discretised Ornstein-Uhlenbeck velocity: s(t + dt) = F s(t) + w, cov(w) = Q, for s = [pose; velocity], with
 /// F = [I, pose_by_velocity I; 0, velocity_kept I], and Q = q [q_pose, q_cross; q_cross, q_velocity] for white
 /// acceleration of density q [m^2/s^3]. With tau the time constant of the velocity, x = |dt| / tau, f = 1 - exp(-x):
 ///

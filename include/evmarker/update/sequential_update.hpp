@@ -23,21 +23,22 @@ struct MeasurementRows {
   alignas(64) Numbers weight{};                     ///< inverse variance, up to a factor
 };
 
-/// Applies up to four measurements d = J x to an error state x with covariance P, one after the other:
+/// Applies up to four measurements d = J e to an error state e = [x; b] with covariance P, one after the other:
 ///
 ///     S = J P J^T + R
 ///     K = P J^T / S
-///     x += K (d - J x)
+///     e += K (d - J e)
 ///     P -= K J P
 ///
-/// P is read and written once for all of them: P J^T and the innovations d - J x of all measurements are computed from
+/// P is read and written once for all of them: P J^T and the innovations d - J e of all measurements are computed from
 /// the prior. Then, one measurement after the other, its effect on those of the later ones is subtracted.
 template <std::size_t kCount, std::size_t kBits>
 class SequentialUpdate {
  public:
   /// @param first of the measurements
   /// @param information of a measurement of weight 1
-  /// @return false, and nothing has changed, if a number is not finite or the covariance not positive definite
+  /// @return false, and nothing has changed, if an innovation is not finite, or an S or a posterior variance of pose or
+  /// biases is not positive
   [[gnu::always_inline]] static bool apply(const MeasurementRows& rows, std::size_t first, double information,
                                            ErrorCovariance& P, ErrorState& error) noexcept {
     SequentialUpdate update;
@@ -57,7 +58,7 @@ class SequentialUpdate {
   static constexpr std::size_t kPose = 6;                      // elements of the pose in J, the biases follow
   static constexpr std::size_t kD = MeasurementRows::kStates;  // place of d
 
-  // Of the prior: P J^T, the innovations d - J x, J P J^T of every two measurements, and R.
+  // Of the prior: P J^T, the innovations d - J e, J P J^T of every pair of measurements, and R.
   [[gnu::always_inline]] void compute_from_prior(const MeasurementRows& rows, std::size_t first, double information,
                                                  const ErrorCovariance& P, const ErrorState& error) noexcept {
     const auto of_each = [&](std::size_t place) __attribute__((always_inline)) {
@@ -161,10 +162,11 @@ class SequentialUpdate {
   std::array<Column, kCount> PJ_;    // P J^T, rows of x
   std::array<Each, kBiases> PJ_b_;   // rows of b, of each measurement
   std::array<Column, kCount> gain_;  // K, rows of x
-  Each innovation_;                  // d - J x
-  std::array<Each, kCount> JPJ_;     // of every two measurements
+  Each innovation_;                  // d - J e
+  std::array<Each, kCount> JPJ_;     // of every pair of measurements
   std::array<double, kCount> S_, by_S_, innovation_by_S_;
-  std::array<std::array<double, kCount>, kBiases> bias_PJ_;  // copies of PJ_b_: later measurements change these
+  std::array<std::array<double, kCount>, kBiases>
+      bias_PJ_;  // PJ_b_ of each measurement at its turn, before `condition` changes it
 };
 
 }  // namespace evmarker

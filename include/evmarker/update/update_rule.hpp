@@ -38,7 +38,8 @@ concept BatchUpdateRule = PoseUpdateRule<R> &&
   { rule.add(correspondences, T_camera_marker) } noexcept;
 };
 
-/// A rule that can allow for background among the matched events; while the marker is at rest, all of them are.
+/// A rule that can allow for background among the matched events; while the marker is at rest, all of them are
+/// background.
 template <typename R>
 concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule) {
   /// Sets the weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
@@ -73,7 +74,7 @@ template <PoseUpdateRule Rule>
 PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t,
                           Timestamp pushed_until = kPushedUntilUnknown) noexcept {
   if constexpr (MotionBoundingRule<Rule>)
-    if (pose.quality.state != TrackingState::lost)
+    if (pose.quality.state != TrackingState::lost)  // a lost tracker takes no events: having none says nothing
       rule.advance_by_event_count(pose.T_camera_marker, std::max(pose.t, std::min(pushed_until, t)));
   pose.t = t;
   if constexpr (MotionEstimatingRule<Rule>) {
