@@ -241,8 +241,8 @@ class Verification {
   bool brief_ = false;
   std::size_t brief_events_ = 0;
   double size_m_ = 0;  // of the model
-  std::size_t pause_ =
-      0;  // events until the next window, plus one; 1: it begins with the next update; 0: it is being filled
+  // Events until the next window, plus one. 1: it begins with the next update; 0: it is being filled.
+  std::size_t pause_ = 0;
 };
 
 }  // namespace evmarker
