@@ -174,7 +174,7 @@ class TrackerCore {
   enum class Intake { off_sensor, filtered_out, accepted };
 
   template <typename Stop>
-  [[gnu::noinline]] std::size_t push_one(const Event& event, const Stop& stop) {
+  std::size_t push_one(const Event& event, const Stop& stop) {
     if (check_due()) search_often_ = searching();
     const TimeGuard::Verdict verdict = judge(event);
     if (verdict == TimeGuard::Verdict::release) {
