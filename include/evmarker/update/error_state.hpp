@@ -24,8 +24,8 @@ struct ErrorState {
 /// Covariance of an error state, in blocks. Columns of twelve numbers are whole vectors of 128 and of 256 bits; columns
 /// of fourteen would not be.
 struct ErrorCovariance {
-  alignas(32) Matrix12d xx = Matrix12d::Zero();
-  alignas(32) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
+  alignas(64) Matrix12d xx = Matrix12d::Zero();
+  alignas(64) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
   std::array<std::array<double, kBiases>, kBiases> bb{};
 
   /// Predicts xx and xb over a motion step, P = F P F^T + Q, see MotionStep; the noise of the biases is not added.
