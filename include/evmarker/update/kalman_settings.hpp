@@ -1,6 +1,8 @@
 #pragma once
 // The Kalman filter's assumptions about motion and events.
 
+#include "evmarker/base/require.hpp"
+
 namespace evmarker {
 
 /// Settings of `KalmanUpdate`: the noise of the motion and of the events.
@@ -34,5 +36,26 @@ struct KalmanSettings {
   double initial_sigma_offset_px = 0.3;
   double initial_sigma_trail_px = 0.3;
 };
+
+/// @throws std::invalid_argument naming the setting and its value
+inline void validate(const KalmanSettings& settings) {
+  const Require require("kalman update");
+  require.positive(settings.inflation, "inflation");
+  require.positive(settings.robust_px, "robust_px");
+  require.positive(settings.acceleration_noise, "acceleration_noise");
+  require.positive(settings.turning_distance_m, "turning_distance_m");
+  require.positive(settings.rotation_share, "rotation_share");
+  require.positive(settings.velocity_memory_s, "velocity_memory_s");
+  require.positive(settings.offset_drift_px, "offset_drift_px");
+  require.positive(settings.latency_sigma_s, "latency_sigma_s");
+  require.positive(settings.trail_sigma_px, "trail_sigma_px");
+  require.positive(settings.covariance_scale, "covariance_scale");
+  require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
+  require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
+  require.positive(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
+  require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
+  require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
+  require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
+}
 
 }  // namespace evmarker

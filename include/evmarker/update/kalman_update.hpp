@@ -30,24 +30,8 @@ class KalmanUpdate {
   /// @throws std::invalid_argument naming the setting and its value
   KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
     set_events_per_update(events_per_update);
-    const Require require("kalman update");
-    require(events_per_update >= 1, "events_per_update", events_per_update);
-    require.positive(settings.inflation, "inflation");
-    require.positive(settings.robust_px, "robust_px");
-    require.positive(settings.acceleration_noise, "acceleration_noise");
-    require.positive(settings.turning_distance_m, "turning_distance_m");
-    require.positive(settings.rotation_share, "rotation_share");
-    require.positive(settings.velocity_memory_s, "velocity_memory_s");
-    require.positive(settings.offset_drift_px, "offset_drift_px");
-    require.positive(settings.latency_sigma_s, "latency_sigma_s");
-    require.positive(settings.trail_sigma_px, "trail_sigma_px");
-    require.positive(settings.covariance_scale, "covariance_scale");
-    require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
-    require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
-    require.positive(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
-    require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
-    require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
-    require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
+    Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
+    validate(settings);
     const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
                              settings.initial_sigma_w_rad_s};
     for (int i = 0; i < 12; ++i) P_.xx(i, i) = squared(sigmas[i / 3]);
