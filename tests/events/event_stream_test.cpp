@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <array>
+#include <ranges>
 #include <span>
 #include <utility>
 #include <vector>
@@ -11,6 +12,7 @@ using evmarker::Event;
 using evmarker::EventFilter;
 using evmarker::EventSource;
 using evmarker::SensorSize;
+using evmarker::Timestamp;
 
 namespace {
 
@@ -121,4 +123,16 @@ TEST_CASE("AcceptAll accepts all") {
   evmarker::AcceptAll filter;
   CHECK(filter.accept({0, 0, 0, 0}));
   CHECK(filter.accept({65535, 65535, -1, -1}));
+}
+
+TEST_CASE("blocks are made of ranges that can be read once, and only by who may change them") {
+  std::vector<Event> events(600);
+  for (std::size_t i = 0; i < events.size(); ++i) events[i].t = static_cast<Timestamp>(i);
+  auto even = events | std::views::filter([](const Event& event) { return event.t % 2 == 0; });
+  std::vector<Timestamp> times;
+  evmarker::for_each_block(even, [&](std::span<const Event> block) {
+    for (const Event& event : block) times.push_back(event.t);
+  });
+  REQUIRE(times.size() == 300);
+  for (std::size_t i = 0; i < times.size(); ++i) CHECK(times[i] == static_cast<Timestamp>(2 * i));
 }

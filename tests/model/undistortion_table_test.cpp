@@ -94,6 +94,6 @@ TEST_CASE("a camera that cannot be tabulated is refused with the value") {
   CHECK(refusal_of_table({}) == "accepted");
   CHECK(refusal_of_table({.size = {0, 30}}) == "camera: sensor size is 0 x 30");
   CHECK(refusal_of_table({.size = {40, -1}}) == "camera: sensor size is 40 x -1");
-  CHECK(refusal_of_table({.focal = 0}) == "camera: focal length is 0.000000");
+  CHECK(refusal_of_table({.focal = 0}) == "camera: focal length is 0");
   CHECK(refusal_of_table({.focal = std::numeric_limits<float>::quiet_NaN()}) == "camera: focal length is nan");
 }

@@ -165,7 +165,7 @@ TEST_CASE("a body that is none is refused in one line with file, vertex or edge,
   CHECK(body_refused("translation: [0.01, -0.02, 0.6]", "translation: 0.6") ==
         "wireframe FILE: start translation is not a list of 3 numbers");
   CHECK(body_refused("translation: [0.01, -0.02, 0.6]", "translation: [0.01, -0.02, 0.05]") ==
-        "wireframe FILE: start puts vertex 1 not in front of the camera, but at z = -0.050000 m");
+        "wireframe FILE: start puts vertex 1 not in front of the camera, but at z = -0.05 m");
   CHECK(body_refused("") == "wireframe FILE: is empty");
   CHECK(body_refused("- 1\n- 2\n").starts_with("wireframe FILE: is neither"));
   CHECK_THROWS_WITH(opencv::load_wireframe("/nowhere/body.yml"),

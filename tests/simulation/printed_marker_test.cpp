@@ -114,9 +114,9 @@ TEST_CASE("cells may have shades of their own, rim and border too, and the back 
 }
 
 TEST_CASE("prints that make no sense are named") {
-  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), -1, kInk, kPaper), "printed marker: quiet_zone_cells is -1.000000",
+  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), -1, kInk, kPaper), "printed marker: quiet_zone_cells is -1",
                        std::invalid_argument);
-  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, 0, kPaper), "printed marker: black is 0.000000",
+  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, 0, kPaper), "printed marker: black is 0",
                        std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(2, 3), 1, kInk, kPaper), std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(), 1, kInk, kPaper), std::invalid_argument);
@@ -124,7 +124,7 @@ TEST_CASE("prints that make no sense are named") {
   CellShades shades = CellShades::Constant(7, 7, 0.5);
   shades(2, 3) = -0.5;
   CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, kInk, kPaper, shades),
-                       "printed marker: shade in row 2, column 3 is -0.500000", std::invalid_argument);
+                       "printed marker: shade in row 2, column 3 is -0.5", std::invalid_argument);
   CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, kInk, kPaper, CellShades::Constant(6, 7, 0.5)),
-                       "printed marker: number of shade rows is 6.000000", std::invalid_argument);
+                       "printed marker: number of shade rows is 6", std::invalid_argument);
 }

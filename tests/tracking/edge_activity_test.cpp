@@ -53,7 +53,7 @@ TEST_CASE("edges that all make events speak for the marker, two of four without 
     CHECK(hidden.go({3, 3}, {800, 800, 800, 800}).value() < 0);
   }
   // 89 px by 3 px at three events per pixel.
-  CHECK(seen.activity.events_per_px2() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02));
+  CHECK(seen.activity.events_per_passage() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02));
   CHECK(hidden.go({3, 3}, {800, 0, 800, 0}).value() > 3);
 }
 
@@ -88,7 +88,7 @@ TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
   Walk walk;
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const double before = walk.activity.events_per_px2();
+  const double before = walk.activity.events_per_passage();
   CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, square_at(nan, 0)));
-  CHECK(walk.activity.events_per_px2() == before);
+  CHECK(walk.activity.events_per_passage() == before);
 }

@@ -305,6 +305,31 @@ TEST_CASE("a marker that is replaced by clutter is lost once, and says nothing a
     if (pose.t > 50000) CHECK((pose.quality.state == TrackingState::tracking) == (pose.quality.health >= 0.5));
 }
 
+TEST_CASE("after its loss a marker says nothing, also to events that come after pauses") {
+  const Trajectory motion = simulated::near_motion(46);
+  auto events = simulated::filtered(simulated::near_events(motion, 0.2, 46));
+  const auto spread_out = [](std::span<Event> some) {  // 2 ms apart: each is held until the next one confirms it
+    for (std::size_t i = 0; i < some.size(); ++i) some[i].t = some.front().t + 2000 * static_cast<Timestamp>(i);
+  };
+  spread_out(std::span(events).subspan(events.size() / 2));
+  for (const bool ranges : {false, true}) {
+    CAPTURE(ranges);
+    MarkerTracker tracker = code_tracker(motion(0));
+    int poses = 0;
+    const auto push = [&](std::span<const Event> some) {
+      if (ranges) tracker.push(some, [&](const PoseEstimate&) { ++poses; });
+      for (std::size_t i = 0; i < some.size() && !ranges; ++i) poses += tracker.push(some[i]) != nullptr;
+    };
+    push(std::span(events).first(events.size() / 2));
+    REQUIRE(poses > 100);
+    const Eigen::Isometry3d last = tracker.lose(LossReason::replaced).T_camera_marker;
+    poses = 0;
+    push(std::span(events).subspan(events.size() / 2));
+    CHECK(poses == 0);
+    CHECK(tracker.T_camera_marker().isApprox(last, 0));
+  }
+}
+
 TEST_CASE("a marker that leaves the image is lost") {
   const Trajectory motion =
       trajectory::linear(facing_pose({0.25, 0, 0.6}, {0.1, 0.1, 0.2}), {1.2, 0, 0});  // past the right edge in 0.2 s

@@ -89,3 +89,17 @@ TEST_CASE("a marker that may be anywhere is told everything, one that left or wa
   map.resize(2);
   CHECK(asked(map, event_on(100, 75)).empty());
 }
+
+TEST_CASE("a marker that might be anywhere, or recedes, is soon told only what lies near it") {
+  const UndistortionTable lines(kStraight);
+  TileMap map(lines);
+  map.resize(1);
+  map.move(0, Box::everywhere());
+  map.move(0, {{-0.1, -0.1}, {0.1, 0.1}});
+  CHECK(asked(map, event_on(100, 75)) == std::vector{0});
+  CHECK(asked(map, event_on(0, 149)).empty());
+  CHECK(asked(map, event_on(100, 75 + 15)) == std::vector{0});
+  for (double half = 0.1; half > 0.01; half *= 0.99) map.move(0, {{-half, -half}, {half, half}});
+  CHECK(asked(map, event_on(100, 75)) == std::vector{0});
+  CHECK(asked(map, event_on(100, 75 + 32)).empty());
+}

@@ -218,8 +218,8 @@ Isometry3d moved(DecoupledUpdate rule, double trail_px, bool together = false) {
 TEST_CASE("events that trail their edges by what is expected do not move the pose, one by one as together") {
   const Isometry3d right = pose({0, 0, 0}, {0.1, -0.08, 0.6});
   DecoupledUpdate ignorant({}, 4), knowing = ignorant, papers(DecoupledSettings::paper(), 4);
-  knowing.set_trail_by_event_density(3, kFocal_px);
-  papers.set_trail_by_event_density(3, kFocal_px);
+  knowing.set_trail_by_events_per_passage(3, kFocal_px);
+  papers.set_trail_by_events_per_passage(3, kFocal_px);
   constexpr double kTrail_px = 2.1 / 6;
   for (const bool together : {false, true}) {
     CAPTURE(together);
@@ -234,7 +234,7 @@ TEST_CASE("events that trail their edges by what is expected do not move the pos
   }
   CHECK((moved(knowing, 0.1, true).matrix() - moved(knowing, 0.1).matrix()).norm() < 1e-12);
   // Half a pixel at most.
-  knowing.set_trail_by_event_density(0.1, kFocal_px);
+  knowing.set_trail_by_events_per_passage(0.1, kFocal_px);
   CHECK((moved(knowing, 0.5).translation() - right.translation()).norm() < 1e-6);
 }
 
@@ -374,14 +374,14 @@ TEST_CASE("impossible settings of the decoupled update are refused with field an
   CHECK(message_of({}) == "accepted");
   CHECK(message_of(DecoupledSettings::paper()) == "accepted");
   CHECK(message_of({.averaging_weight = 1}) == "accepted");
-  CHECK(message_of({.averaging_weight = -0.1}) == "decoupled update: averaging_weight is -0.100000");
-  CHECK(message_of({.averaging_weight = 1.5}) == "decoupled update: averaging_weight is 1.500000");
+  CHECK(message_of({.averaging_weight = -0.1}) == "decoupled update: averaging_weight is -0.1");
+  CHECK(message_of({.averaging_weight = 1.5}) == "decoupled update: averaging_weight is 1.5");
   CHECK(message_of({.averaging_weight = nan}) == "decoupled update: averaging_weight is nan");
-  CHECK(message_of({.translation_gain = 0}) == "decoupled update: translation_gain is 0.000000");
+  CHECK(message_of({.translation_gain = 0}) == "decoupled update: translation_gain is 0");
   CHECK(message_of({.translation_gain = infinity}) == "decoupled update: translation_gain is inf");
-  CHECK(message_of({.rotation_gain = -2}) == "decoupled update: rotation_gain is -2.000000");
+  CHECK(message_of({.rotation_gain = -2}) == "decoupled update: rotation_gain is -2");
   CHECK(message_of({.rotation_gain = nan}) == "decoupled update: rotation_gain is nan");
-  CHECK(message_of({.torque_length_unit_m = -1}) == "decoupled update: torque_length_unit_m is -1.000000");
+  CHECK(message_of({.torque_length_unit_m = -1}) == "decoupled update: torque_length_unit_m is -1");
   CHECK(message_of({.torque_length_unit_m = nan}) == "decoupled update: torque_length_unit_m is nan");
   CHECK(message_of({}, 0) == "decoupled update: events_per_update is 0");
   CHECK(message_of({}, -5) == "decoupled update: events_per_update is -5");

@@ -775,7 +775,7 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px}};
   static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
-    for (const auto& [value, text] : {std::pair{-2.0, "-2.000000"},
+    for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},
                                       {std::numeric_limits<double>::infinity(), "inf"}}) {
       KalmanSettings settings;

@@ -17,13 +17,13 @@ namespace evmarker {
 ///
 /// Where noise of rate r is all that happens, an event has an age over a with the probability exp(-9 r a). So r is at
 /// most n(a) exp(9 r a), where n(a) is the measured rate of the events with an age over a. The rate of all events,
-/// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as noise at the present bound
-/// would not hide most events of that age. With noise alone every bound equals r; events of edges, hot pixels and
+/// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as not more than one
+/// noise event is expected, at the present bound, in the 9 pixels within that age. With noise alone every bound equals r; events of edges, hot pixels and
 /// bursts leave the count once a exceeds their ages. Where edges pass so often that they hide the noise, they make ten
 /// times as many events as it does, and its rate does not matter.
 class BackgroundActivity {
  public:
-  explicit BackgroundActivity(double pixels) noexcept : hz_per_px_of_one_(1e6 / pixels) {}
+  explicit BackgroundActivity(double pixels) noexcept : hz_per_px_by_events_per_us_(1e6 / pixels) {}
 
   /// Adds one event as a sample; not every event is needed, one in about 0.2 ms is enough. Samples come in order of
   /// arrival, the first after `kEventsAtFirst` events.
@@ -63,18 +63,18 @@ class BackgroundActivity {
   static constexpr double kMemory_us = 200000, kMemory = 1024;  // [us] and samples: whichever reaches farther back
 
   void estimate() noexcept {
-    // Rate of the `older` events, those with an age over `age_us`: over the time in which such an age could be seen,
-    // and with one sample more than was seen, as a rate may be above 0 where no event was seen.
+    // Rate of the `older` events, those with an age over `age_us`: their number, and one sample more, as a rate may be
+    // above 0 where no event was seen, divided by the time in which such an age could be seen.
     const auto rate_of = [&](double older, double age_us) {
-      return (older + static_cast<double>(per_sample_)) * hz_per_px_of_one_ / (observed_us_ - age_us);
+      return (older + static_cast<double>(per_sample_)) * hz_per_px_by_events_per_us_ / (observed_us_ - age_us);
     };
     double older = std::accumulate(by_age_.begin(), by_age_.end(), 0.0);
     double rate = rate_of(older, 0), age_us = kYoungest_us;
     for (std::size_t i = 0; i + 1 < kAges; ++i, age_us *= 2) {
-      const double hidden = 9e-6 * rate * age_us;
-      if (hidden > 1 || age_us > observed_us_ / 2) break;
+      const double noise_within_age = 9e-6 * rate * age_us;
+      if (noise_within_age > 1 || age_us > observed_us_ / 2) break;
       older -= by_age_[i];
-      rate = std::min(rate, rate_of(older, age_us) * std::exp(hidden));
+      rate = std::min(rate, rate_of(older, age_us) * std::exp(noise_within_age));
     }
     remembered_ += static_cast<double>(kSamplesPerEstimate);
     hz_per_px_ = (remembered_ * rate + kPriorSamples * kPrior) / (remembered_ + kPriorSamples);
@@ -87,7 +87,7 @@ class BackgroundActivity {
     remembered_ /= 2;
   }
 
-  double hz_per_px_of_one_;             // the rate [Hz/px] that one event per microsecond is
+  double hz_per_px_by_events_per_us_;             // [Hz/px] of one event per microsecond on the whole sensor
   std::array<double, kAges> by_age_{};  // events, by the bins of their ages
   double observed_us_ = 0;
   double remembered_ = 0;  // samples, the forgotten ones taken off

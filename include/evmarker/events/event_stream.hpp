@@ -42,13 +42,13 @@ void for_each_event(Source& source, Use&& use) {
 /// `Event` is a single block; events of other ranges are converted and copied in blocks of up to 256.
 template <std::ranges::input_range Events, std::invocable<std::span<const Event>> Use>
 requires EventLike<std::ranges::range_value_t<Events>>
-void for_each_block(const Events& events, const Use& use) {
+void for_each_block(Events&& events, const Use& use) {
   if constexpr (std::ranges::contiguous_range<Events> && std::same_as<std::ranges::range_value_t<Events>, Event>) {
     use(std::span<const Event>(events));
   } else {
     std::array<Event, 256> block;
     std::size_t count = 0;
-    for (const auto& event : events) {
+    for (auto&& event : events) {
       block[count++] = to_event(event);
       if (count < block.size()) continue;
       use(std::span<const Event>(block));

@@ -50,7 +50,7 @@ inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
 
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
-                    " recordings are not supported yet; these are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
+                    " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
                     "text (x,y,p,t or t x y p)"};
 }
 
@@ -67,7 +67,7 @@ inline bool looks_like_text(std::string_view head) {
 
 }  // namespace detail
 
-/// Kind of a recording, by its content first and its extension second.
+/// Kind of a recording, by its content first and its extension second; but text is not looked for in a .raw file.
 /// @throws RecordingError where the file is missing, empty or of a kind that is not supported
 inline RecordingKind recognize_recording(const std::filesystem::path& path) {
   BlockReader blocks(path, 4096);
@@ -83,8 +83,8 @@ inline RecordingKind recognize_recording(const std::filesystem::path& path) {
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
     throw detail::not_supported(path, "DAT");
   if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
-  if (extension != ".raw" && detail::looks_like_text(head)) return RecordingKind::text;
   if (extension == ".raw") return RecordingKind::raw;  // RawReader reports the exact fault
+  if (detail::looks_like_text(head)) return RecordingKind::text;
   if (extension == ".dat") throw detail::not_supported(path, "DAT");
   for (const auto& kind : detail::kUnsupportedKinds)
     if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)

@@ -31,7 +31,7 @@ enum class Evt3Word : std::uint32_t {
   continued_12 = 15
 };
 
-/// Decodes a stream of EVT3 words, piece by piece; all events are on the sensor.
+/// Decodes a stream of EVT3 words, piece by piece. Events off the sensor are left out and counted.
 class Evt3Decoder {
  public:
   static constexpr std::size_t kWordBytes = 2;
@@ -74,7 +74,7 @@ class Evt3Decoder {
     std::uint32_t row_width = 0;         // columns of row y that are on the sensor; none before the first row
     std::uint32_t vector_x = 1U << 12U;  // first column of the next vector; off every sensor before VECT_BASE_X
     std::int16_t vector_p = 0;
-    std::uint32_t time_high = ~0U;  // the last TIME_HIGH; unlike any before the first
+    std::uint32_t time_high = ~0U;  // the last TIME_HIGH; until the first, a value that none has
     Timestamp t = 0;
     std::uint64_t off_sensor = 0;  // number of events off the sensor so far
   };
@@ -199,6 +199,7 @@ class Evt3Encoder {
       const Event& first = events.front();
       put_time(first.t, bytes);
       if (first.y != y_) put(bytes, Evt3Word::addr_y, y_ = first.y);
+      // From the first event on, or farther left so that all 32 columns are on the sensor.
       const std::uint32_t base = std::min<std::uint32_t>(first.x, width_ - std::min(width_, kVectorLength));
       const std::size_t count = width_ < kVectorLength ? 0 : events_within(events, base);
       if (count > kVectorWords) {
@@ -257,6 +258,7 @@ class Evt3Encoder {
       new_high = true;
     });
     const auto time_low = static_cast<std::uint32_t>(t & 0xFFF);
+    // t_ is set: the very first time always begins with a TIME_HIGH.
     if (new_high || time_low != (*t_ & 0xFFF)) put(bytes, Evt3Word::time_low, time_low);
     t_ = t;
   }

@@ -80,7 +80,7 @@ class EventIntake {
   /// Takes in events, in order. Waits only with the policy `block`. While closed, drops all.
   template <EventLike E>
   void push(std::span<const E> events) {
-    if (!open_) {  // without the lock, so that `clear` does not have to wait
+    if (!open_) {  // without the lock: a camera that goes on pushing must not keep `clear` from it
       refused_ += events.size();
       return;
     }
@@ -191,8 +191,8 @@ class EventIntake {
         if (free_.wait_dequeue_timed(block, std::chrono::milliseconds(5))) return block;
         continue;
       }
-      // Only one thread may take from the queue at a time. The lock is soon free: the queue is full, so that the
-      // tracking thread does not wait for events while it holds it.
+      // Only one thread may take from the queue at a time. The tracking thread holds this lock while it waits for a
+      // block; as the queue is full, it does not wait now, and the lock is soon free.
       const std::lock_guard lock(take_mutex_);
       if (!full_.try_dequeue(block)) continue;
       count_dropped(block->size);

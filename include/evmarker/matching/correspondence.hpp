@@ -48,9 +48,9 @@ struct alignas(64) Correspondences {
 /// How far behind a moving edge its events lie [px]: a pixel fires only after a whole contrast step, so on average half
 /// a step late.
 /// @param edge_width_px width of the blurred edge
-/// @param events_per_px2 how many events one pixel makes while the edge passes over it
-inline double expected_trail_px(double edge_width_px, double events_per_px2) noexcept {
-  return edge_width_px / (2 * events_per_px2);
+/// @param events_per_passage how many events one pixel makes while the edge passes over it
+inline double expected_trail_px(double edge_width_px, double events_per_passage) noexcept {
+  return edge_width_px / (2 * events_per_passage);
 }
 
 }  // namespace evmarker

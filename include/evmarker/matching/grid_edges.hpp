@@ -18,19 +18,19 @@ namespace evmarker {
 /// which coordinate i is constant: those of coordinate 0 are vertical. Copies share the table.
 class GridEdges {
  public:
-  /// The piece of a line beside one cell.
+  /// What lies on a line beside one cell: a piece of a segment, or nothing.
   struct Edge {
     std::int16_t segment = -1;        ///< the segment of the model that contains the piece, -1 where there is no edge
     std::int16_t dark = 0;            ///< +1 if the side of larger coordinate is dark, -1 the other one, 0 no edge
     std::int16_t begin = 0, end = 0;  ///< where that segment begins and ends on the line [cells]
   };
 
-  /// A stretch of a line on which the edge is the same: beside one cell, or around a grid point.
+  /// A stretch of a line: beside one cell, or around one grid point. Around a point where an edge begins or ends, only
+  /// the bounds are set.
   struct alignas(64) Stretch {
-    // Bounds on the squared distance of an event to the nearest edge of this stretch, by its squared distance to the
-    // line: it is at least the larger of that and `at_least`, and at most the larger of that and `at_most`. (0, 0) on
-    // an edge: it is the distance to the line. (inf, inf): no edge. (0, inf) around a point where an edge ends:
-    // unknown.
+    // Bounds on the squared distance D2 of an event to the nearest edge of this stretch, by its squared distance L2 to
+    // the line: max(L2, at_least) <= D2 <= max(L2, at_most). On an edge (0, 0): D2 = L2. Where there is none (inf, inf).
+    // Around a point where an edge begins or ends (0, inf): only L2 <= D2 is known.
     double at_least = kNever, at_most = kNever;
     double line = 0;                            ///< number of the line
     double begin = 0, end = 0;                  ///< as in Edge

@@ -110,7 +110,7 @@ class SegmentMatcher {
   struct ProjectedSegment {
     Vec2 v;              // projected start [px]
     Vec2 direction;      // unit, along the segment
-    Vec3 line;           // for Eq. (1), its normal toward the dark side; in pixels
+    Vec3 line;           // (n; c) of Eq. (1), n.u + c = 0 [px], |n| = 1; n toward the dark side if it is known
     double half_length;  // [px]
     bool dark_side_known;
     int index;  // in the model
@@ -133,7 +133,7 @@ class SegmentMatcher {
       const double foot = dot(u - segment.v, segment.direction), distance = line_distance(segment.line, u);
       const bool beside = std::abs(foot - segment.half_length) <= segment.half_length + settings_.end_margin_px;
       const double d = beside ? std::abs(distance) : kNone;
-      nearest.second_px = std::min(nearest.second_px, std::max(best, d));  // the farther of d and the best so far
+      nearest.second_px = std::min(nearest.second_px, std::max(best, d));  // the best so far, once d beats it
       if (d < best) {
         best = d;
         nearest.segment = &segment;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/vector.hpp"
 
 namespace evmarker {
@@ -49,7 +50,7 @@ namespace detail {
 inline void require_marker_length(double length, const char* field = "length") {
   if (!(std::isfinite(length) && length > 0))
     throw std::invalid_argument(std::string("marker ") + field + " must be a positive number of metres, not " +
-                                std::to_string(length));
+                                number_text(length));
 }
 
 }  // namespace detail

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "evmarker/base/box.hpp"
+#include "evmarker/base/require.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/projection.hpp"
 
@@ -25,7 +26,7 @@ class UndistortionTable {
       throw std::invalid_argument("camera: sensor size is " + std::to_string(size_.width) + " x " +
                                   std::to_string(size_.height));
     if (!(std::isfinite(focal_length_) && focal_length_ > 0))
-      throw std::invalid_argument("camera: focal length is " + std::to_string(focal_length_));
+      throw std::invalid_argument("camera: focal length is " + number_text(focal_length_));
     auto lines = std::make_shared<std::vector<Line>>();
     lines->reserve(static_cast<std::size_t>(size_.width) * static_cast<std::size_t>(size_.height));
     for (int y = 0; y < size_.height; ++y)

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -27,7 +28,7 @@ inline void validate_start(const MarkerModel& model, const Eigen::Isometry3d& st
   for (std::size_t i = 0; i < model.vertices.size(); ++i)
     if (const double z = transform(start, model.vertices[i]).z; !(z > 1e-6))
       throw std::invalid_argument("start puts vertex " + std::to_string(i) +
-                                  " not in front of the camera, but at z = " + std::to_string(z) + " m");
+                                  " not in front of the camera, but at z = " + number_text(z) + " m");
 }
 
 }  // namespace evmarker

@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/camera.hpp"
@@ -118,7 +119,7 @@ void draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
 inline cv::Mat make_picture(SensorSize size, int scale = 1) {
   if (size.width < 1 || size.height < 1 || scale < 1)
     throw std::invalid_argument("overlay: no picture of " + std::to_string(size.width) + " x " +
-                                std::to_string(size.height) + " px at scale " + std::to_string(scale));
+                                std::to_string(size.height) + " px at scale " + number_text(scale));
   return cv::Mat(size.height * scale, size.width * scale, CV_8UC3, color::kGround);
 }
 

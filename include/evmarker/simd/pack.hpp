@@ -35,12 +35,13 @@ using Pair = detail::Vector<128>::InRegister;
 [[gnu::always_inline]] inline Pair pair_at(const double* numbers) noexcept {
   return *reinterpret_cast<const detail::Vector<128>::InMemory*>(numbers);
 }
-// Element by element, as for single numbers in lanes.hpp.
+// Element by element; where x is NaN, the bound.
 [[gnu::always_inline]] inline Pair larger(Pair x, Pair bound) noexcept { return x > bound ? x : bound; }
 [[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
+// The second number first.
 [[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
 
-/// `kNumbers` numbers in vectors of `kBits` bits, which must divide them evenly. For the choice of `kBits` see
+/// `kNumbers` numbers, a multiple of those in a vector of `kBits` bits: 64, a single number, or 128 or 256 as chosen by
 /// `in_packs`.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
@@ -49,13 +50,13 @@ class Pack {
   [[gnu::always_inline]] Pack() noexcept : parts_{} {}
   /// Loads `kNumbers` adjacent numbers, which need only the alignment of a double.
   [[gnu::always_inline]] explicit Pack(const double* numbers) noexcept {
-    for (std::size_t i = 0; i < kParts; ++i) parts_[i] = *reinterpret_cast<const InMemory*>(numbers + kPart * i);
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] = *reinterpret_cast<const InMemory*>(numbers + kPerPart * i);
   }
   [[gnu::always_inline]] void store(double* numbers) const noexcept {
-    for (std::size_t i = 0; i < kParts; ++i) *reinterpret_cast<InMemory*>(numbers + kPart * i) = parts_[i];
+    for (std::size_t i = 0; i < kParts; ++i) *reinterpret_cast<InMemory*>(numbers + kPerPart * i) = parts_[i];
   }
 
-  [[gnu::always_inline]] double operator[](std::size_t i) const noexcept { return parts_[i / kPart][i % kPart]; }
+  [[gnu::always_inline]] double operator[](std::size_t i) const noexcept { return parts_[i / kPerPart][i % kPerPart]; }
 
   [[gnu::always_inline]] void scale(double factor) noexcept {
     for (Part& part : parts_) part *= factor;
@@ -75,8 +76,8 @@ class Pack {
   /// Adds `number` to element i.
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
     Part at{};
-    at[i % kPart] = 1;
-    parts_[i / kPart] += number * at;
+    at[i % kPerPart] = 1;
+    parts_[i / kPerPart] += number * at;
   }
 
   /// A pack of the second half of the numbers, followed by zeros.
@@ -85,7 +86,7 @@ class Pack {
     if constexpr (kParts % 2 == 0) {
       for (std::size_t i = 0; i < kParts / 2; ++i) half.parts_[i] = parts_[kParts / 2 + i];
     } else {
-      static_assert(kParts == 3 && kPart == 4);
+      static_assert(kParts == 3 && kPerPart == 4);
       half.parts_[0] = __builtin_shufflevector(parts_[1], parts_[2], 2, 3, 4, 5);
       half.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);
     }
@@ -99,8 +100,8 @@ class Pack {
  private:
   using Part = typename detail::Vector<kBits>::InRegister;
   using InMemory = typename detail::Vector<kBits>::InMemory;
-  static constexpr std::size_t kPart = kBits / 64, kParts = kNumbers / kPart;
-  static_assert(kParts * kPart == kNumbers);
+  static constexpr std::size_t kPerPart = kBits / 64, kParts = kNumbers / kPerPart;
+  static_assert(kParts * kPerPart == kNumbers);
 
   std::array<Part, kParts> parts_;
 };

@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/vector.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/simulation/marker_view.hpp"
@@ -60,7 +61,7 @@ class SceneRenderer {
         grid_(camera.sensor_size()),
         texture_(scene_.background) {
     if (!(std::isfinite(point_spread_px) && point_spread_px > 0))
-      throw std::invalid_argument("scene renderer: point_spread_px is " + std::to_string(point_spread_px));
+      throw std::invalid_argument("scene renderer: point_spread_px is " + number_text(point_spread_px));
     for (const auto& marker : scene_.markers)
       prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white, marker.shades);
     for (std::size_t i = 0; i < prints_.size(); ++i) everything_.markers.push_back(i);

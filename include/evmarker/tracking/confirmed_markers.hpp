@@ -40,7 +40,12 @@ class ConfirmedMarkers {
   /// Gives the event to its markers and calls `use(pose)` with each pose that it leads to.
   template <std::invocable<const PoseEstimate&> Use>
   void push(const Event& event, const Use& use) {
-    const auto push_to = [&](std::size_t i) { push_to_marker(i, std::span(&event, 1), use); };
+    const auto push_to = [&](std::size_t i) {
+      const PoseEstimate* const pose = markers_[i].push(event);
+      if (pose == nullptr) return;
+      use(*pose);
+      update_tiles(i);
+    };
     if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]
       for_each_visible_at(event, push_to);
     else
@@ -116,18 +121,13 @@ class ConfirmedMarkers {
   };
 
   template <typename Use>
-  void push_to_marker(std::size_t i, std::span<const Event> events, const Use& use) {
+  [[gnu::noinline]] void flush(std::size_t i, const Use& use) {
     bool moved = false;
-    markers_[i].push(events, [&](const PoseEstimate& pose) {
+    markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
       moved = true;
       use(pose);
     });
     if (moved) update_tiles(i);
-  }
-
-  template <typename Use>
-  [[gnu::noinline]] void flush(std::size_t i, const Use& use) {
-    push_to_marker(i, inboxes_[i].events(), use);
     inboxes_[i].clear();
   }
 

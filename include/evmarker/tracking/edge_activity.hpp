@@ -64,7 +64,7 @@ class EdgeActivity {
   }
 
   /// How many events a pixel makes while an edge passes over it, a running mean over all edges; 0 before it is known.
-  double events_per_px2() const noexcept { return density_; }
+  double events_per_passage() const noexcept { return density_; }
 
   /// Forgets the events since the last evaluation; a new interval begins at the next one.
   void restart() noexcept { restart(false); }

@@ -83,7 +83,7 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us]; polarity 1 is brighter, -1 darker, 0 unknown.
-  // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that is
+  // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that saves
   // a quarter of the time.
   [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
     if (!matcher_.on_grid()) [[unlikely]]
@@ -100,7 +100,7 @@ class EdgeFollower {
   template <typename After>
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
-    const std::size_t end = std::min(events.count(), first + matched_at_once());
+    const std::size_t end = std::min(events.count(), first + looked_up_at_once());
     GridMatcher::Choices choices;
     matcher_.choose_many(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
@@ -115,7 +115,7 @@ class EdgeFollower {
         choice = matcher_.choose_carefully(m);
       const Result result = collect(m, events.t[i], events.polarity[i], choice);
       const bool go_on = after(i, result);
-      const bool outdated = result.updated && choice_lifetime_.fresh();  // edges have just been chosen anew
+      const bool outdated = result.updated && choice_lifetime_.fresh();  // the choices were made at an older pose
       if (!go_on || outdated) return i + 1;
     }
     return end;
@@ -127,11 +127,11 @@ class EdgeFollower {
   void set_events_per_passage(double events) noexcept {
     if constexpr (requires { rule_.measure_trail(T_camera_marker_, events); }) {
       rule_.bound_motion_by_events(events * length_px(), events);
-      if (std::exchange(events_per_px2_, events) > 0) return;
+      if (std::exchange(events_per_passage_, events) > 0) return;
       rule_.measure_trail(T_camera_marker_, events);
       start_from(T_camera_marker_);
-    } else if constexpr (requires { rule_.set_trail_by_event_density(events, matcher_.focal_length()); }) {
-      rule_.set_trail_by_event_density(events, matcher_.focal_length());
+    } else if constexpr (requires { rule_.set_trail_by_events_per_passage(events, matcher_.focal_length()); }) {
+      rule_.set_trail_by_events_per_passage(events, matcher_.focal_length());
     }
   }
   /// To be called once the pose is known to be right: many events beside the edges then mean that there is only
@@ -151,6 +151,7 @@ class EdgeFollower {
     in_front_ = matcher_.project(T_camera_marker_);
     start_collecting();
     adapt_to_distance();
+    refresh_twist();
   }
 
   /// Moves the pose on to a later time without events, by the rule's motion model.
@@ -192,7 +193,7 @@ class EdgeFollower {
   static constexpr int kFewestForBatch = 4;
   static constexpr int kMostEvents = 100;    // the paper's n
   static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
-  // Edges are chosen anew when a corner has moved farther than this [px]. Without a motion model the pose moves to and
+  // The pose at which the edge of an event is chosen is renewed when a corner has moved farther than this [px]. Without a motion model the pose moves to and
   // fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
@@ -200,7 +201,7 @@ class EdgeFollower {
   void adapt_to_distance() noexcept {
     const double length_px = this->length_px();
     if (automatic_) {
-      const double events = std::clamp(kMotion_px * std::max(events_per_px2_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
+      const double events = std::clamp(kMotion_px * std::max(events_per_passage_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
       // Not for every small change of the distance.
       if (std::abs(events - events_per_update_) > events_per_update_ / 8.0)
         set_events_per_update(static_cast<int>(events));
@@ -242,17 +243,17 @@ class EdgeFollower {
 
   Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
-  // How many events to match in one batch: as many as may be matched before edges are chosen anew, a quarter more as
-  // not all match, in whole lanes. Choices for any later events would be outdated before they are used.
-  std::size_t matched_at_once() const noexcept {
+  // For how many events to choose edges in one batch: about as many as come before the pose of these choices is renewed,
+  // a quarter more than may be matched until then, in whole lanes. Choices for later ones would be outdated before use.
+  std::size_t looked_up_at_once() const noexcept {
     const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
 
-  // True if the event's edge surely moves the other way. An edge that moves into the dark makes pixels brighter; seen
+  // Counts whether the event contradicts the motion of its edge; true if it is to be discarded. An edge that moves into the dark makes pixels brighter; seen
   // backwards in time it moves out of the dark, and yet its events are the same. A wrong twist must not discard the
-  // events that would correct it: if most of an edge's last events contradict, they all count.
-  bool count_contradiction(const Correspondence& c, bool on) noexcept {
+  // events that would correct it: if most of an edge's last events contradict, none is discarded.
+  bool discards_by_polarity(const Correspondence& c, bool on) noexcept {
     if (!c.dark_side_known) return false;
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);
     const double speed_px_per_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
@@ -293,7 +294,7 @@ class EdgeFollower {
     ++offered_;
     if (match != MatchResult::matched) return {match};
     if constexpr (MotionEstimatingRule<Rule>)
-      if (twist_ && polarity != 0 && count_contradiction(correspondence, polarity > 0))
+      if (twist_ && polarity != 0 && discards_by_polarity(correspondence, polarity > 0))
         return {MatchResult::contradicting};
     correspondence.t = t;
     correspondence.polarity = polarity;
@@ -349,7 +350,7 @@ class EdgeFollower {
 
   int events_per_update_;
   bool automatic_;
-  double events_per_px2_ = 0;  // 0: not known
+  double events_per_passage_ = 0;  // 0: not known
   GridMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;

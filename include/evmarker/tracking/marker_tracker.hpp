@@ -67,10 +67,10 @@ class MarkerTracker {
   }
 
   /// Takes events and calls `use(pose)` with each pose, valid during the call: the same poses as one by one, and
-  /// faster.
+  /// faster. While events since a found start are replayed, several with each new one, their last pose only.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(const Events& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+  void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
       while (!block.empty()) {
         const std::size_t count = guard_.passing(block.first(std::min(block.size(), kCheckedTogether)));
@@ -91,9 +91,18 @@ class MarkerTracker {
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     while (!events.empty() && state_ != TrackingState::lost) {
       const bool single = events.size() == 1 || starting_ || !follower_.accepts_groups();
-      const std::size_t taken = single ? push_one(events.front(), use) : push_group(events, use);
+      std::size_t taken = 1;
+      if (!single)
+        taken = push_group(events, use);
+      else if (const PoseEstimate* const pose = push_one(events.front()))
+        use(*pose);
       events = events.subspan(taken);
     }
+  }
+
+  /// The same for one event; returns as `push` does.
+  [[gnu::noinline]] const PoseEstimate* push_checked(const Event& event) noexcept {
+    return state_ != TrackingState::lost ? push_one(event) : nullptr;
   }
 
   /// Events that were discarded because the events before and after contradict their times.
@@ -101,9 +110,10 @@ class MarkerTracker {
 
   /// Goes on after a gap in which a queue or a camera dropped events. Gaps up to kHarmlessGap are ignored. Longer ones
   /// are bridged if the rule estimates the motion and still predicts all vertices to within the matching distance; else
-  /// the marker is lost. A start search begins again; a marker whose start has just been found is lost while the events
-  /// since then are replayed.
-  /// @param missing length of the gap; it is added to the time of the last event on or near the marker
+  /// the marker is lost. A start search begins again; a gap while the events since a found start are replayed loses the
+  /// marker.
+  /// @param missing length of the gap; it is added to the time of the last event on or near the marker, as having no
+  /// events from then to the gap meant no motion
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
@@ -128,6 +138,8 @@ class MarkerTracker {
     PoseEstimate pose = pose_;
     return fill(pose);
   }
+  /// The same without a copy, valid until the next push.
+  const PoseEstimate& refresh_pose() noexcept { return fill(pose_); }
 
   /// The pose at a time at or after the last event, predicted by a rule that estimates the velocity. Its covariance
   /// grows with its age.
@@ -153,7 +165,7 @@ class MarkerTracker {
                : 0;
   }
 
-  /// Events with lines of sight (X/Z, Y/Z) outside of this do nothing until the next pose.
+  /// Events with lines of sight (X/Z, Y/Z) outside of this box have no effect. It holds until the next pose.
   /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
     return starting_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
@@ -185,26 +197,23 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // Takes an event that the guard does not simply pass: it may be held, dropped, or release the one that was held
-  // first.
+  // Takes an event that the guard does not simply pass. It is held in place of the one held so far, or it first
+  // releases that one and is judged again, or it passes.
   template <typename Use>
   [[gnu::noinline]] void push_suspect(const Event& event, const Use& use) {
     TimeGuard::Verdict verdict = guard_.judge(event);
     if (verdict == TimeGuard::Verdict::release) {
-      push_one(Event(guard_.held()), use);
+      if (const PoseEstimate* const pose = push_checked(guard_.held())) use(*pose);
       verdict = guard_.judge(event);
     }
-    if (verdict == TimeGuard::Verdict::pass) push_one(event, use);
+    if (verdict != TimeGuard::Verdict::pass) return;
+    if (const PoseEstimate* const pose = push_checked(event)) use(*pose);
   }
 
-  template <typename Use>
-  [[gnu::always_inline]] std::size_t push_one(const Event& event, const Use& use) {
-    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return 1;
+  [[gnu::always_inline]] const PoseEstimate* push_one(const Event& event) noexcept {
+    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Vec2 m = lines_of_sight_(event);
-    const PoseEstimate* const pose =
-        starting_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
-    if (pose != nullptr) use(*pose);
-    return 1;
+    return starting_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
   }
 
   // Several events by loops that become vector instructions. Returns how many were taken.
@@ -269,9 +278,9 @@ class MarkerTracker {
     follower_.enable_rest_detection();
   }
 
-  // True once the start has been refined: by enough events, unless it was searched and fits them already, and, if the
-  // rule has a covariance, until the edges are known to within the matching distance. Four times enough events settle
-  // it, too.
+  // True once the start has been refined: by enough matched events, or at once after a start search, which has fitted
+  // it to events. If the rule has a covariance, all vertices must be known to within the matching distance, too, or the
+  // events be four times enough.
   bool settles() const noexcept {
     const int needed = follower_.events_to_fix_pose();
     if constexpr (MotionEstimatingRule<Rule>)
@@ -281,19 +290,17 @@ class MarkerTracker {
       return matched_ >= needed || start_search_;
   }
 
-  // Judges each edge by the events that it made, and learns how many a pixel makes. Not before the start has settled:
+  // Judges each edge by the events that it made, and learns how many a pixel makes in a passage. Not before the start has settled:
   // until then corrections move the pose, and edges would seem to have passed pixels that they never passed.
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
-    if (state_ == TrackingState::tracking && health_.events_per_px2() > 0)
-      follower_.set_events_per_passage(health_.events_per_px2());
+    if (state_ == TrackingState::tracking && health_.events_per_passage() > 0)
+      follower_.set_events_per_passage(health_.events_per_passage());
   }
 
-  const PoseEstimate& refresh_pose() noexcept { return fill(pose_); }
-
-  // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification. In
-  // place: at a pose for every event, making and copying one would cost as much as the matching.
+  // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification. Written
+  // in place: with a pose for every event, making and copying it would cost as much as the matching.
   PoseEstimate& fill(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;
@@ -359,7 +366,7 @@ class MarkerTracker {
     return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
   }
 
-  // True if the standard deviation of every vertex in the image, x and y together, is below the matching distance.
+  // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.
   bool edges_within_matching_distance(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {

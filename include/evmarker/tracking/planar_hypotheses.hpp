@@ -33,8 +33,13 @@ class PlanarHypotheses {
   /// Takes events whose times have been judged, see MarkerTracker::push_checked.
   template <std::invocable<const PoseEstimate&> Use>
   void push(std::span<const Event> events, const Use& use) {
-    for (; rival_ && !events.empty(); events = events.subspan(1)) push_to_both(events.front(), use);
+    for (; rival_ && !events.empty(); events = events.subspan(1))
+      if (const PoseEstimate* const pose = push_to_both(events.front())) use(*pose);
     tracker_.push_checked(events, use);
+  }
+  /// The same for one event; returns a pose that is valid until the next push, or null.
+  const PoseEstimate* push(const Event& event) noexcept {
+    return rival_ ? push_to_both(event) : tracker_.push_checked(event);
   }
 
   /// See MarkerTracker::skip. The marker is lost if both poses are.
@@ -74,17 +79,12 @@ class PlanarHypotheses {
   static constexpr double kAlike_rad = 0.1;   // then it does not matter which
 
   // Not inlined: it is needed for some milliseconds after a detection only.
-  template <typename Use>
-  [[gnu::noinline]] void push_to_both(const Event& event, const Use& use) {
-    const std::span<const Event> one(&event, 1);
+  [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
     comparison_.add(tracker_.misfit_px2(event), rival_->misfit_px2(event));
-    rival_->push_checked(one, [](const PoseEstimate&) {});
-    std::optional<PoseEstimate> pose;
-    tracker_.push_checked(one, [&](const PoseEstimate& last) { pose = last; });
-    if (!pose) return;
+    rival_->push_checked(event);
+    const PoseEstimate* const pose = tracker_.push_checked(event);
     // Before the pose is handed on: a loss is not reported if the other pose goes on.
-    if (can_decide() && keep_better()) pose = tracker_.estimate();
-    use(*pose);
+    return pose && can_decide() && keep_better() ? &tracker_.refresh_pose() : pose;
   }
 
   bool can_decide() const noexcept {

@@ -5,7 +5,6 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -35,8 +34,7 @@ class TentativeMarker {
     }
     for (; events > 0 && !caught_up(history); --events) {
       statistics.replayed += next_ < result_at_;
-      const Event event = history.at(next_++);
-      marker_.push(std::span(&event, 1), [](const PoseEstimate&) {});
+      marker_.push(history.at(next_++));
     }
   }
   bool caught_up(const EventHistory& history) const noexcept { return next_ == history.pushed(); }

@@ -21,7 +21,7 @@ class TileMap {
     const auto rows = tiles(size.height);
     rows_.resize(rows);
     tiles_.resize(rows * columns_);
-    markers_.resize(rows * columns_);
+    marker_bits_.resize(rows * columns_);
     Event event;
     for (int y = 0; y < size.height; ++y)
       for (int x = 0; x < size.width; ++x) {
@@ -37,27 +37,27 @@ class TileMap {
   /// Sets the number of markers. All places are forgotten: until its first `move`, a marker is nowhere.
   void resize(std::size_t markers) {
     areas_.assign(markers, Box());
-    markers_.assign(markers_.size(), 0);
+    marker_bits_.assign(marker_bits_.size(), 0);
   }
 
   /// Sets where a marker may have events.
   /// @param reach lines of sight (X/Z, Y/Z)
   void move(std::size_t marker, const Box& reach) noexcept {
-    if (areas_[marker].contains(reach)) return;
     // With a margin, so that small motions change nothing.
     const Box before = areas_[marker], now = reach.widened(margin_);
+    if (before.contains(reach) && now.widened(margin_).contains(before)) return;
     areas_[marker] = now;
     const std::uint64_t bit = bit_of(marker);
     for (std::size_t row = 0; row < rows_.size(); ++row) {
       if (!rows_[row].intersects(before) && !rows_[row].intersects(now)) continue;
       for (std::size_t i = row * columns_; i < (row + 1) * columns_; ++i)
-        markers_[i] = any_marker_reaches(tiles_[i], marker % kBits) ? markers_[i] | bit : markers_[i] & ~bit;
+        marker_bits_[i] = any_marker_reaches(tiles_[i], marker % kBits) ? marker_bits_[i] | bit : marker_bits_[i] & ~bit;
     }
   }
 
   /// True if an event, which must lie on the sensor, may belong to more than one marker.
   bool shared(const Event& event, const UndistortionTable& lines_of_sight) const noexcept {
-    const std::uint64_t bits = markers_[tile(event)];
+    const std::uint64_t bits = marker_bits_[tile(event)];
     if ((bits & (bits - 1)) == 0 && areas_.size() <= kBits) [[likely]]
       return false;
     const Vec2 m = lines_of_sight(event);
@@ -70,7 +70,7 @@ class TileMap {
   /// It is also called with some others: areas have a margin, and tiles are coarse.
   template <typename Use>
   void for_each_at(const Event& event, const Use& use) const {
-    for (std::uint64_t bits = markers_[tile(event)]; bits != 0; bits &= bits - 1)
+    for (std::uint64_t bits = marker_bits_[tile(event)]; bits != 0; bits &= bits - 1)
       for (auto i = static_cast<std::size_t>(std::countr_zero(bits)); i < areas_.size(); i += kBits) use(i);
   }
 
@@ -82,7 +82,7 @@ class TileMap {
   std::size_t tile(const Event& event) const noexcept { return event.y / kTile_px * columns_ + event.x / kTile_px; }
   // The 65th marker shares the bit of the first: both get the tiles of either.
   static std::uint64_t bit_of(std::size_t marker) noexcept { return std::uint64_t{1} << (marker % kBits); }
-  // True if a marker with the same bit as the first one may have events in a tile.
+  // True if marker `first`, below kBits, or another one with its bit may have events in a tile.
   bool any_marker_reaches(const Box& tile, std::size_t first) const noexcept {
     for (std::size_t i = first; i < areas_.size(); i += kBits)
       if (tile.intersects(areas_[i])) return true;
@@ -93,7 +93,7 @@ class TileMap {
   double margin_;                       // [tangent]
   std::vector<Box> tiles_;              // lines of sight of the pixels of each tile
   std::vector<Box> rows_;               // the same for whole rows of tiles
-  std::vector<std::uint64_t> markers_;  // of each tile, see bit_of
+  std::vector<std::uint64_t> marker_bits_;  // of each tile, see bit_of
   std::vector<Box> areas_;              // of each marker: where it may have events, with a margin
 };
 

@@ -13,9 +13,9 @@
 namespace evmarker {
 
 struct TrackHealthSettings {
-  /// Probability, at most, for each independent piece of evidence (a pixel that an edge passes, a verification), of
-  /// giving up a marker that is followed with full confidence. From even odds, as after `restart`, it is the root of
-  /// that.
+  /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes, a
+  /// verification), of giving up a marker that is in fact followed: from full confidence on. From even odds, as after
+  /// `restart`, the bound is its square root.
   double false_alarm_rate = 1e-6;
 };
 
@@ -69,10 +69,11 @@ class TrackHealth {
     // Standard deviation of chance matches from their estimate by the near events: both numbers are random.
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
-    // A marker counts as followed from a share half way between chance and the usual one on.
+    // The matching share of a marker that is followed, for the likelihood: half way between chance and the usual one, so
+    // that it may be worse than usual.
     const double expected = (usual_share_ + kChanceShare) / 2;
     // The events of one pixel in one passage come together and are one piece of evidence.
-    const double independent = 1 / std::clamp(activity_.events_per_px2(), 1.0, 10.0);
+    const double independent = 1 / std::clamp(activity_.events_per_passage(), 1.0, 10.0);
     judge(independent * (excess_matched * std::log(kChanceShare / expected) +
                          excess_near * std::log((1 - kChanceShare) / (1 - expected))),
           LossReason::inconsistent);
@@ -125,7 +126,7 @@ class TrackHealth {
     return static_cast<LossReason>(std::min_element(log_odds_.begin() + 1, log_odds_.end()) - log_odds_.begin());
   }
   /// Events that a pixel makes while an edge passes over it; 0 before it is known.
-  double events_per_px2() const noexcept { return activity_.events_per_px2(); }
+  double events_per_passage() const noexcept { return activity_.events_per_passage(); }
 
  private:
   static constexpr int kJudgedAtOnce = 64;

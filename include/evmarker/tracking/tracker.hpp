@@ -40,9 +40,9 @@ class Tracker {
 
   /// Takes events and calls `use(pose)` with each pose that they lead to, in order of time, valid during the call. The
   /// poses are the same as with single events, but take less time.
-  template <std::ranges::contiguous_range Events, std::invocable<const PoseEstimate&> Use>
+  template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(const Events& events, const Use& use) {
+  void push(Events&& events, const Use& use) {
     for_each_block(events, [&](std::span<const Event> block) { track(block, use); });
   }
 

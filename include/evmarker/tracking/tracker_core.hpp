@@ -27,7 +27,8 @@
 namespace evmarker {
 
 /// A `Tracker` without its detector, for those who run the detector elsewhere: it says when a detection is due, and
-/// takes the result whenever that is there. Between detections nothing throws or allocates.
+/// takes the result whenever that is there. Between detections nothing throws, and nothing allocates but in the case at
+/// `poses_`.
 ///
 /// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
 /// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
@@ -54,8 +55,8 @@ class TrackerCore {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
     missing_.reserve(settings.max_markers);
-    // One for each event of a batch, and one for each marker that is lost or announced. There are more, which
-    // allocates, only if nearly every event updates several overlapping markers.
+    // A pose for each of the at most kBetweenChecks events of `push_many`, and one for each marker that is lost or
+    // announced. It grows only if nearly every event updates several overlapping markers.
     poses_.reserve(settings.max_markers + kBetweenChecks);
   }
 
@@ -86,8 +87,8 @@ class TrackerCore {
     deliver(use);
   }
 
-  /// Goes on at a later time; the events until then are missing. A detection that was requested before it starts no
-  /// tracker, as the events to replay are missing.
+  /// Goes on at a later time; the events until then are missing. The result of a detection that was requested before
+  /// the gap starts no tracker, as the events to replay are missing.
   template <std::invocable<const PoseEstimate&> Use>
   void skip_to(Timestamp t, const Use& use) {
     if (!(t > last_t_)) return;
@@ -95,7 +96,7 @@ class TrackerCore {
     if (missing <= MarkerTracker<Rule>::kHarmlessGap) return;
     guard_.restart(t);
     statistics_.time_faults = guard_.faults();
-    followable_since_ = history_.pushed();
+    followable_from_ = history_.pushed();
     tentative_.skip(missing, history_);
     confirmed_.skip(missing, collector());
     move_lost_to_missing();
@@ -107,7 +108,7 @@ class TrackerCore {
   /// pending.
   bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, search_often_); }
 
-  /// True while a marker that should be there is missing: none is tracked, one is not confirmed, or was lost just now.
+  /// True while a marker that should be there is missing: none is confirmed, one waits for it, or was lost just now.
   bool searching() const noexcept { return confirmed_.empty() || !tentative_.empty() || !missing_.empty(); }
 
   /// What the detector should say about the frame as it is now. From here on its result is pending.
@@ -133,7 +134,8 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void register_markers(const DetectionResult& result, const Use& use) {
     schedule_.end();
-    // One that only the search found stays missing: the search may err, and goes on until a detection finds it.
+    // One that only the detector's `search` found stays missing: it may be wrong, so it is searched again until
+    // `detect` finds it.
     std::erase_if(missing_, [&](const PlanarHypotheses<Rule>& marker) {
       return std::ranges::any_of(result.detected_markers(),
                                  [&](const auto& detected) { return detected.detection.id == marker.id(); });
@@ -142,11 +144,11 @@ class TrackerCore {
     announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
     // After a gap in the events since the frame, what it showed cannot be followed to the present, see skip_to.
-    const bool followable = result.events_in_frame > followable_since_;
+    const bool followable = result.events_in_frame > followable_from_;
     for (const auto& [detection, model] : result.markers) {
       if (!followable) break;
       drop_contradicted(detection);
-      if (tracked(detection.id)) continue;
+      if (has_tracker(detection.id)) continue;
       if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
       tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, model, detection, settings_.marker),
                       result.events_in_frame, history_});
@@ -161,13 +163,13 @@ class TrackerCore {
   const PolarityFrame& polarity_frame() const noexcept { return frame_; }
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
-  /// The `MarkerTracker` of every marker that is being tracked.
+  /// The `MarkerTracker` of every confirmed marker.
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
   static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
-  static constexpr std::size_t kBetweenChecks = 1024;    // events
+  static constexpr std::size_t kBetweenChecks = 1024;    // events, see check_due; also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;   // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
@@ -191,7 +193,7 @@ class TrackerCore {
     const Intake intake = take_in(event);
     if (intake == Intake::off_sensor) return;
     confirmed_.push(event, collector());
-    if (!poses_.empty()) move_lost_to_missing();
+    if (!poses_.empty()) move_lost_to_missing();  // a loss comes with a pose
     if (!tentative_.empty()) [[unlikely]]
       catch_up(kCatchUp);
     if (intake == Intake::accepted) stop(event);
@@ -319,10 +321,10 @@ class TrackerCore {
     });
   }
 
-  bool tracked(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
+  bool has_tracker(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
 
   // Drops the tracker of a marker that was detected elsewhere: a tentative one at once, as it must have followed
-  // something else; a confirmed one only if it had no events lately, as nothing moved where it is tracked.
+  // something else; a confirmed one only if it had no events lately: with events it is still being followed.
   void drop_contradicted(const MarkerDetection& detection) {
     const auto elsewhere = [&](const PlanarHypotheses<Rule>& marker) {
       return !same_place(detection, marker.tracker().T_camera_marker(), lines_of_sight_.focal_length());
@@ -352,7 +354,7 @@ class TrackerCore {
   ByTime by_time_;
   bool search_often_ = true;  // `searching()` as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
-  std::uint64_t followable_since_ = 0;  // position in the history after which no events are missing
+  std::uint64_t followable_from_ = 0;  // number in the history: after this event, none are missing
   TrackerStatistics statistics_;
 };
 

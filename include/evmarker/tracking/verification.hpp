@@ -19,8 +19,8 @@ struct VerificationSettings {
   int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
   int every = 2;                  ///< the first of this number of windows is backtracked; 1: all, for twice the cost
   double max_translation_px = 5;  ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / size_px where that is more: it allows
-  /// opposite sides of a small marker to move by max_translation_px against each other about each axis.
+  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / s where that is more, with the marker's size s
+  /// in the image: about each of three axes, an angle by which opposite sides move apart by max_translation_px.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
   std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked early
@@ -89,7 +89,7 @@ class Verification {
   /// null.
   [[gnu::always_inline]] const BacktrackError* push(const Event& event, bool updated, const EdgeFollower<Rule>& forward,
                                                     const UndistortionTable& lines_of_sight) noexcept {
-    if (pause_ > 1 && steps_left_ == 0) {
+    if (pause_ > 1 && steps_left_ == 0) {  // between two windows, nothing to replay
       --pause_;
       return nullptr;
     }
@@ -138,7 +138,7 @@ class Verification {
       waited_ = 0;
       error = step_back(kWait * kStepsBack, lines_of_sight);
     }
-    if (pause_ > 0) {
+    if (pause_ > 0) {  // between two windows
       if (pause_ > 1) {
         --pause_;
       } else if (updated) {  // a window begins at a new pose
@@ -166,8 +166,8 @@ class Verification {
   // Begins to fill a window at the forward tracker's present pose.
   void begin_filling(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
-    expected_start_ = {};
-    set_expected(forward, expected_start_);
+    start_sigma_ = {};
+    set_expected(forward, start_sigma_);
     window_.clear();
     updates_ = 0;
   }
@@ -179,7 +179,7 @@ class Verification {
     backward_ = forward;
     backward_.reverse();
     T_past_start_ = T_start_;
-    expected_past_start_ = expected_start_;
+    past_start_sigma_ = start_sigma_;
   }
 
   // Replays the window's events in reverse. Their times are mirrored at its end, t -> end + (end - t), so that they
@@ -211,13 +211,13 @@ class Verification {
     if (steps_left_ > 0) return nullptr;
     error_ = backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
     set_expected(backward_, error_);
-    error_.expected_px = std::hypot(error_.expected_px, expected_past_start_.expected_px);
-    error_.expected_rad = std::hypot(error_.expected_rad, expected_past_start_.expected_rad);
+    error_.expected_px = std::hypot(error_.expected_px, past_start_sigma_.expected_px);
+    error_.expected_rad = std::hypot(error_.expected_rad, past_start_sigma_.expected_rad);
     return &error_;
   }
 
   // Sets the error that is to be expected by the rule's covariance: far away, the tilt of a small marker is less
-  // certain than the threshold, and so is the place just after a rest, over all of which the filter predicts.
+  // certain than the threshold, and so is the place just after a standstill, over which the filter has predicted.
   static void set_expected(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
     if constexpr (MotionEstimatingRule<Rule>) {
       const Matrix6d P = follower.rule().covariance();
@@ -233,7 +233,7 @@ class Verification {
   std::size_t steps_left_ = 0;  // events of it still to be replayed
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
-  BacktrackError expected_start_, expected_past_start_;
+  BacktrackError start_sigma_, past_start_sigma_;  // what is to be expected of the poses at the windows' starts
   BacktrackError error_;         // of the last window that was backtracked
   EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
   Eigen::Isometry3d T_start_;    // P_n

@@ -13,8 +13,8 @@ namespace evmarker {
 
 /// Gains of the paper's rule, dimensionless: the same numbers serve every marker size and unit.
 struct DecoupledSettings {
-  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. 0: 1 / events_per_update, but at most
-  /// 0.1, so that the averages extend over the events of one update, and over ten at least.
+  /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. The default, 0, stands for
+  /// min(0.1, 1 / events_per_update): the averages extend over the events of one update, and over ten at least.
   double averaging_weight = 0;
   double translation_gain = 1.4;  ///< lambda_T of Eq. (10)
   double rotation_gain = 3;       ///< lambda_r, of the torque divided by the mean squared lever arm
@@ -27,7 +27,8 @@ struct DecoupledSettings {
   /// Keeps the pose where it is while the events are background. Not in the paper.
   bool hold_at_rest = true;
 
-  /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003 with lengths in centimetres.
+  /// The paper's own numbers: w0 = 0.1, lambda_T = 1.4, lambda_r = 0.003. It does not say in which unit of length: with
+  /// centimetres they work.
   static DecoupledSettings paper() {
     return {.averaging_weight = 0.1,
             .translation_gain = 1.4,
@@ -63,15 +64,15 @@ class DecoupledUpdate {
   }
 
   /// Sets the trail that is corrected.
-  /// @param events_per_px2 events per area that edges sweep in the image: as many as a pixel makes in a passage
+  /// @param events_per_passage events per area that edges sweep in the image: as many as a pixel makes in a passage
   // The width of an edge in focus is assumed. Measured from the residuals, as KalmanUpdate does, it would contain this
   // rule's jitter: the trail would come out too long, and that would in turn increase the jitter.
-  void set_trail_by_event_density(double events_per_px2, double focal_length) noexcept {
+  void set_trail_by_events_per_passage(double events_per_passage, double focal_length) noexcept {
     if (!settings_.correct_trail) return;
     constexpr double kFocusedEdge_px = 2.1;  // sqrt(12) times a point spread of 0.6 px
     constexpr double kMost_px = 0.5;         // a jittering pose overestimates the swept area, and so the trail
     trail_over_f2_ =
-        std::min(expected_trail_px(kFocusedEdge_px, events_per_px2), kMost_px) / (focal_length * focal_length);
+        std::min(expected_trail_px(kFocusedEdge_px, events_per_passage), kMost_px) / (focal_length * focal_length);
   }
 
   /// @param weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest
@@ -91,6 +92,7 @@ class DecoupledUpdate {
     const double kept = summing_ ? kept_[n] : 0;
     const Vec3 T = translation(T_camera_marker);
     alignas(64) simd::Lanes weights;
+    // w0 (1 - w0)^(n - 1 - i) for event i of n, then zeros.
     for (std::size_t i = 0; i < simd::kLanes; ++i) weights[i] = weights_[simd::kLanes - n + i];
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Terms of_event = terms({c.M_x[i], c.M_y[i]}, {c.E_x[i], c.E_y[i], c.E_z[i]}, {c.F_x[i], c.F_y[i], c.F_z[i]},
@@ -113,8 +115,8 @@ class DecoupledUpdate {
     const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : means_[kLever2];
-    // If an update has fewer events than the averages extend over, only a share of the averages is new, and the gain is
-    // reduced to it, so that old events are not applied again in full.
+    // If an update has fewer events than the averages extend over, only about this share of them is new. The gain is
+    // reduced to it, so that old events, which are still in the averages, are not applied again in full.
     const double share = signal_weight_ * renewed_, step = share * settings_.translation_gain / determinant;
     const Vec3 dT(step * (c_xx * B.x + c_xy * B.y + c_xz * B.z),  // Eqs. (7), (10)
                   step * (c_xy * B.x + c_yy * B.y + c_yz * B.z), step * (c_xz * B.x + c_yz * B.y + c_zz * B.z));
@@ -122,7 +124,7 @@ class DecoupledUpdate {
     const Vec3 T = translation(T_camera_marker) + dT;
     if (!(std::abs(determinant) > 1e-9 && is_finite(T) && std::isfinite(squared_norm(r)))) return false;
     set_translation(T_camera_marker, T);
-    orthonormalize(T_camera_marker);  // before the turn: it does not depend on r, which is still being computed
+    orthonormalize(T_camera_marker);  // before the turn, while the processor still divides for r
     turn(T_camera_marker, r);         // Eq. (12)
     return true;
   }
@@ -141,10 +143,10 @@ class DecoupledUpdate {
 
   /// Eqs. (6), (8), (9), (11) for one event. The paper's (L - I) F is always zero, as F lies on the line of sight, and
   /// the pose would never move: here it is (L - I) E. R* F_i of Eq. (11), the lever arm from the marker's
-  /// origin, is E - T. After a step, the averages are not recomputed for the new pose, so that a pull goes on acting in
-  /// later steps: by measurement, it is this that lets the pose keep up with fast motion.
+  /// origin, is E - T. After a step, the averages are not recomputed for the new pose: old pulls act again, weaker, in
+  /// later steps. In our experiments it is this that lets the pose keep up with fast motion.
   /// @param m line of sight M = (m; 1)
-  /// @param gradient derivative by E of the place of E's image along the edge's normal [px/m]
+  /// @param gradient d(n.u) / dE: u the image of E [px], n the edge's unit normal in the image [px/m]
   /// @param polarity of the event, 0 if not known on which side the edge is dark
   [[gnu::always_inline]] Terms terms(Vec2 m, Vec3 E, Vec3 F, Vec3 gradient, double polarity, Vec3 T) const noexcept {
     const double inverse_MM = 1 / (m.x * m.x + m.y * m.y + 1);
@@ -188,7 +190,7 @@ class DecoupledUpdate {
   double trail_over_f2_ = 0;  // trail / f^2 [1/px]
   double weight_ = 0;         // w0
   double signal_weight_ = 1;  // see set_signal_weight
-  double renewed_ = 1;        // share of the averages that the events of one update make up
+  double renewed_ = 1;        // min(1, n w0), about the share of the averages that is new after n events
   // Zero at first, so that A = I. From a few events on nearly one line of sight A would be almost singular along it,
   // and the step in depth huge.
   alignas(16) Terms means_{};
@@ -196,7 +198,7 @@ class DecoupledUpdate {
   bool summing_ = false;                                // events have been added to them since the last update
   double faded_ = 1;                                    // what these events leave of the averages
   std::array<double, simd::kLanes + 1> kept_{};         // kept_[n] = (1 - w0)^n: what n events leave of the averages
-  std::array<double, 2 * simd::kLanes> weights_{};  // w0 (1 - w0)^(7 - i), then zeros: from 8 - n on, those of n events
+  std::array<double, 2 * simd::kLanes> weights_{};      // w0 (1 - w0)^(7 - i), then zeros
 };
 
 static_assert(BatchUpdateRule<DecoupledUpdate>);

@@ -50,8 +50,8 @@ class KalmanUpdate {
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
     const Measurement of_event = measurement(c.gradient, lever, c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
-    // Not finite, in one comparison: it would stay in the means for ever. The rotation part of the row needs no test of
-    // its own: |lever x gradient| is at most |lever| |gradient|.
+    // What is not finite would stay in the means for ever. One comparison finds it; the rotation part of the row needs
+    // none of its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
     sums_.residual2 += of_event.residual2;
@@ -91,7 +91,7 @@ class KalmanUpdate {
   /// The measurements are applied at the mean time of their events; from there, the pose is moved on to the time t of
   /// the last event.
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_weight_ == 0) {  // at rest: t_us_ stays, so that the first update after it predicts over all of the rest
+    if (signal_weight_ == 0) {  // at rest: t_us_ stays, so that the first update after it predicts over the whole standstill
       forget_events();
       return true;
     }
@@ -115,6 +115,7 @@ class KalmanUpdate {
     Vec6 step = pose(error);
     const Vec6 twist = twist_ + velocity(error);
     const double edge_speed = norm(twist.t) + std::sqrt(scales_.lever2) * norm(twist.r);
+    // From the state's time, the mean of the events', to t; but no farther than the motion is bounded to.
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
     if (lead_s != 0) step = step + motion(lead_s).pose_by_velocity * twist;
     const Vec2 biases{error.b[kOffset], error.b[kTrail]};
@@ -141,12 +142,12 @@ class KalmanUpdate {
   /// Corrects the state, the pose and twist included, by a measurement of the trail with a standard deviation of a
   /// quarter of its value. The trail follows from the edge's width, which the spread of the residuals shows. Forgets
   /// the events since the last update.
-  /// @param events_per_px2 events per area that edges sweep in the image: as many as a pixel makes in a passage
-  void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_px2) noexcept {
+  /// @param events_per_passage events per area that edges sweep in the image: as many as a pixel makes in a passage
+  void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_passage) noexcept {
     forget_events();
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
     const double width_px = std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
-    const double trail_px = expected_trail_px(width_px, events_per_px2), sigma_px = 0.25 * trail_px;
+    const double trail_px = expected_trail_px(width_px, events_per_passage), sigma_px = 0.25 * trail_px;
     MeasurementRow row{};
     row[6 + kTrail] = 1;
     row[6 + kBiases] = trail_px - bias_px_[kTrail];
@@ -166,8 +167,8 @@ class KalmanUpdate {
   }
 
   /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
-  /// the pose and its covariance hold until then. For copies that predict a pose: `update` keeps the time at rest, so
-  /// that the first update after it predicts over all of the rest.
+  /// the pose and its covariance hold until then. Only for copies that predict a pose: it moves the time of a rule at
+  /// rest, which its next `update` needs to predict over the whole standstill.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (signal_weight_ == 0) {
       forget_events();
@@ -226,7 +227,7 @@ class KalmanUpdate {
   };
 
   // One event's row [J; d] of d = J [pose; biases]: J = [g, (E - T) x g, s, -s p], with a Cauchy weight.
-  // g: derivative by E of the edge's place along its image normal [px/m]; s: 1 if it is known on which side the edge is
+  // g = d(n.u) / dE, u the image of E, n the edge's normal [px/m]; s: 1 if it is known on which side the edge is
   // dark; p: polarity.
   [[gnu::always_inline]] Measurement measurement(Vec3 g, Vec3 lever, double distance_px, double s,
                                                  double p) const noexcept {
@@ -314,8 +315,8 @@ class KalmanUpdate {
   }
 
   // Bounds the motion of the edges during dt by the number of events, noise among them: few events mean little motion.
-  // If the velocity, or the standard deviation of its translation, takes the edges beyond the bound, both are scaled
-  // down to it.
+  // If the velocity takes the edges beyond the bound, or the standard deviation of its translational part does, twist
+  // and the velocity's covariance are scaled down to it.
   void limit_motion(int events, double dt) noexcept {
     most_motion_m_ = kInfinity;
     if (!(events_per_px_ > 0 && scales_known_)) return;
@@ -362,8 +363,8 @@ class KalmanUpdate {
     }
   }
 
-  // Predicts the state (P_, twist_) to a time after the pose. The pose has been moved on from the state's time by
-  // motion(lead_s_) already: only the rest is returned as its motion.
+  // Predicts the state (P_, twist_) from its own time, lead_s_ before the pose, to `after_pose_s` after the pose. Returns
+  // the motion from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
     lead_s_ = 0;

@@ -31,7 +31,7 @@ struct MeasurementRows {
 ///     P -= K J P
 ///
 /// P is read and written once for all of them: P J^T and the innovations d - J e of all measurements are computed from
-/// the prior. Then, one measurement after the other, its effect on those of the later ones is subtracted.
+/// the prior. Then each measurement in turn corrects those of the ones after it.
 template <std::size_t kCount, std::size_t kBits>
 class SequentialUpdate {
  public:
@@ -91,14 +91,15 @@ class SequentialUpdate {
     }
   }
 
-  // Replaces S, P J^T and the innovation of each measurement by what they are after the measurements before it.
+  // Each measurement in turn corrects P J^T and the innovations of those after it. JPJ_, PJ_b_ and innovation_ are
+  // scratch: what they hold of a measurement is right at its turn only, and is copied then.
   [[gnu::always_inline]] void condition() noexcept {
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
       S_[m] += JPJ_[m][m];
       by_S_[m] = 1 / S_[m];
       innovation_by_S_[m] = by_S_[m] * innovation_[m];
-      for (std::size_t b = 0; b < kBiases; ++b) bias_PJ_[b][m] = PJ_b_[b][m];
+      for (std::size_t b = 0; b < kBiases; ++b) PJ_b_at_turn_[b][m] = PJ_b_[b][m];
       gain_[m] = PJ_[m];
       gain_[m].scale(by_S_[m]);
       Each effect = JPJ_[m];
@@ -109,7 +110,7 @@ class SequentialUpdate {
         PJ_[later].subtract(effect[later], PJ_[m]);
       }
 #pragma GCC unroll 2
-      for (std::size_t b = 0; b < kBiases; ++b) PJ_b_[b].subtract(bias_PJ_[b][m], effect);
+      for (std::size_t b = 0; b < kBiases; ++b) PJ_b_[b].subtract(PJ_b_at_turn_[b][m], effect);
       const double innovation = innovation_[m];
       innovation_.subtract(innovation, effect);
     }
@@ -127,7 +128,7 @@ class SequentialUpdate {
     for (std::size_t m = 0; m < kCount; ++m) {
       positive = positive && S_[m] > 0;
       reduction.add_product(PJ_[m], gain_[m]);
-      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * bias_PJ_[b][m] * bias_PJ_[b][m];
+      for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * PJ_b_at_turn_[b][m] * PJ_b_at_turn_[b][m];
       innovations += std::abs(innovation_by_S_[m]);
     }
     double least = std::min(bias[0], bias[1]);
@@ -143,9 +144,9 @@ class SequentialUpdate {
       x.add(innovation_by_S_[m], PJ_[m]);
 #pragma GCC unroll 2
       for (std::size_t b = 0; b < kBiases; ++b) {
-        error.b[b] += innovation_by_S_[m] * bias_PJ_[b][m];
+        error.b[b] += innovation_by_S_[m] * PJ_b_at_turn_[b][m];
 #pragma GCC unroll 2
-        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * bias_PJ_[b][m] * bias_PJ_[c][m];
+        for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * PJ_b_at_turn_[b][m] * PJ_b_at_turn_[c][m];
       }
     }
     x.store(error.x.data());
@@ -154,7 +155,7 @@ class SequentialUpdate {
       double* const place = k < 12 ? P.xx.data() + 12 * k : P.xb[k - 12].data();
       Column column(place);
 #pragma GCC unroll 4
-      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : bias_PJ_[k - 12][m], gain_[m]);
+      for (std::size_t m = 0; m < kCount; ++m) column.subtract(k < 12 ? PJ_[m][k] : PJ_b_at_turn_[k - 12][m], gain_[m]);
       column.store(place);
     }
   }
@@ -165,8 +166,7 @@ class SequentialUpdate {
   Each innovation_;                  // d - J e
   std::array<Each, kCount> JPJ_;     // of every pair of measurements
   std::array<double, kCount> S_, by_S_, innovation_by_S_;
-  std::array<std::array<double, kCount>, kBiases>
-      bias_PJ_;  // PJ_b_ of each measurement at its turn, before `condition` changes it
+  std::array<std::array<double, kCount>, kBiases> PJ_b_at_turn_;
 };
 
 }  // namespace evmarker
