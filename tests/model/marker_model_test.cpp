@@ -239,16 +239,13 @@ TEST_CASE("an ArUco marker has the edges of the picture that OpenCV draws of it"
 
 TEST_CASE("an impossible length is refused with its value") {
   CHECK(message_of([] { make_square_marker(0); }) == "marker length must be a positive number of metres, not 0");
-  CHECK(message_of([] { make_square_marker(-0.1); }) ==
-        "marker length must be a positive number of metres, not -0.1");
+  CHECK(message_of([] { make_square_marker(-0.1); }) == "marker length must be a positive number of metres, not -0.1");
   CHECK(message_of([] { make_square_marker(std::nan("")); }) ==
         "marker length must be a positive number of metres, not nan");
   CHECK(message_of([] { make_code_marker(-1, bits(1, {0})); }) ==
         "marker length must be a positive number of metres, not -1");
-  CHECK(message_of([] { make_rectangle_marker(-1, 2); }) ==
-        "marker width must be a positive number of metres, not -1");
-  CHECK(message_of([] { make_rectangle_marker(1, 0); }) ==
-        "marker height must be a positive number of metres, not 0");
+  CHECK(message_of([] { make_rectangle_marker(-1, 2); }) == "marker width must be a positive number of metres, not -1");
+  CHECK(message_of([] { make_rectangle_marker(1, 0); }) == "marker height must be a positive number of metres, not 0");
   CHECK(message_of([] { make_rectangle_marker(1, std::nan("")); }) ==
         "marker height must be a positive number of metres, not nan");
 }

@@ -116,8 +116,7 @@ TEST_CASE("cells may have shades of their own, rim and border too, and the back 
 TEST_CASE("prints that make no sense are named") {
   CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), -1, kInk, kPaper), "printed marker: quiet_zone_cells is -1",
                        std::invalid_argument);
-  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, 0, kPaper), "printed marker: black is 0",
-                       std::invalid_argument);
+  CHECK_THROWS_WITH_AS(PrintedMarker(small_code(), 1, 0, kPaper), "printed marker: black is 0", std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(2, 3), 1, kInk, kPaper), std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(), 1, kInk, kPaper), std::invalid_argument);
   CHECK_THROWS_AS(PrintedMarker(CodeBits(61, 61), 1, kInk, kPaper), std::invalid_argument);

@@ -110,8 +110,8 @@ TEST_CASE("motions that make no sense are named") {
   CHECK_THROWS_WITH_AS(trajectory::stop_and_go(trajectory::still(start), 0, 1), "trajectory: move_s is 0",
                        std::invalid_argument);
   CHECK_THROWS_AS(trajectory::stop_and_go({}, 1, 1), std::invalid_argument);
-  CHECK_THROWS_WITH_AS(trajectory::stop_and_go(trajectory::still(start), {{1, 1}, {1, -2}}),
-                       "trajectory: rest_s is -2", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(trajectory::stop_and_go(trajectory::still(start), {{1, 1}, {1, -2}}), "trajectory: rest_s is -2",
+                       std::invalid_argument);
   CHECK_THROWS_AS(trajectory::stop_and_go(trajectory::still(start), std::vector<trajectory::MoveAndRest>{}),
                   std::invalid_argument);
   CHECK_THROWS_AS(trajectory::spin(start, {0, 0, 0}, 1), std::invalid_argument);

@@ -18,9 +18,9 @@ namespace evmarker {
 /// Where noise of rate r is all that happens, an event has an age over a with the probability exp(-9 r a). So r is at
 /// most n(a) exp(9 r a), where n(a) is the measured rate of the events with an age over a. The rate of all events,
 /// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as not more than one
-/// noise event is expected, at the present bound, in the 9 pixels within that age. With noise alone every bound equals r; events of edges, hot pixels and
-/// bursts leave the count once a exceeds their ages. Where edges pass so often that they hide the noise, they make ten
-/// times as many events as it does, and its rate does not matter.
+/// noise event is expected, at the present bound, in the 9 pixels within that age. With noise alone every bound equals
+/// r; events of edges, hot pixels and bursts leave the count once a exceeds their ages. Where edges pass so often that
+/// they hide the noise, they make ten times as many events as it does, and its rate does not matter.
 class BackgroundActivity {
  public:
   explicit BackgroundActivity(double pixels) noexcept : hz_per_px_by_events_per_us_(1e6 / pixels) {}
@@ -87,7 +87,7 @@ class BackgroundActivity {
     remembered_ /= 2;
   }
 
-  double hz_per_px_by_events_per_us_;             // [Hz/px] of one event per microsecond on the whole sensor
+  double hz_per_px_by_events_per_us_;   // [Hz/px] of one event per microsecond on the whole sensor
   std::array<double, kAges> by_age_{};  // events, by the bins of their ages
   double observed_us_ = 0;
   double remembered_ = 0;  // samples, the forgotten ones taken off

@@ -22,13 +22,12 @@ inline constexpr std::chrono::microseconds kPaperWindow{2000};
 /// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
 /// not support itself. With a window of 2000 us this is the paper's preprocessing.
 ///
-/// A window means a least speed: neighbouring pixels along the path of an edge fire one after the other, as far apart in
-/// time as the edge needs for a pixel, and the events of an edge that needs longer than the window may be rejected. The
-/// automatic window is 0.01 / r,
-/// where r [Hz/px] is the background activity measured so far: a share of 1 - exp(-8 r window) of the noise, one event
-/// in thirteen, is accepted. It is at most 50 ms, enough for edges from 20 px/s on; with a longer one, the events of an
-/// edge that passed long ago would support noise. It is at least 0.5 ms, enough for edges from 2000 px/s
-/// on and reached at 20 Hz/px; with a shorter one, even those of faster edges would be rejected.
+/// A window means a least speed: neighbouring pixels along the path of an edge fire one after the other, as far apart
+/// in time as the edge needs for a pixel, and the events of an edge that needs longer than the window may be rejected.
+/// The automatic window is 0.01 / r, where r [Hz/px] is the background activity measured so far: a share of 1 - exp(-8
+/// r window) of the noise, one event in thirteen, is accepted. It is at most 50 ms, enough for edges from 20 px/s on;
+/// with a longer one, the events of an edge that passed long ago would support noise. It is at least 0.5 ms, enough for
+/// edges from 2000 px/s on and reached at 20 Hz/px; with a shorter one, even those of faster edges would be rejected.
 class SpatiotemporalFilter {
  public:
   /// @param window `kAutomaticWindow`, or a fixed one of up to 8 minutes
@@ -81,8 +80,8 @@ class SpatiotemporalFilter {
   // Only the low 32 bits of a time are kept; they repeat after 71 minutes. So that old times never seem recent again, a
   // sweep sets all times outside of the window to 2^31 us (36 min) from now, whenever time has moved by more than
   // kSweepInterval (18 min) since the last sweep. If it has moved by more than kSweepInterval + window since then, no
-  // stored time can be within the window, and all are set. Otherwise a time that the last sweep set to 2^31 us is now at
-  // least 2^31 - (2^30 + window) us away. That must be more than the window: hence the limit of 8 min.
+  // stored time can be within the window, and all are set. Otherwise a time that the last sweep set to 2^31 us is now
+  // at least 2^31 - (2^30 + window) us away. That must be more than the window: hence the limit of 8 min.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;  // [us]
   static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;        // [us], as far as 32 bits can be from a time
 

@@ -29,8 +29,8 @@ class GridEdges {
   /// the bounds are set.
   struct alignas(64) Stretch {
     // Bounds on the squared distance D2 of an event to the nearest edge of this stretch, by its squared distance L2 to
-    // the line: max(L2, at_least) <= D2 <= max(L2, at_most). On an edge (0, 0): D2 = L2. Where there is none (inf, inf).
-    // Around a point where an edge begins or ends (0, inf): only L2 <= D2 is known.
+    // the line: max(L2, at_least) <= D2 <= max(L2, at_most). On an edge (0, 0): D2 = L2. Where there is none (inf,
+    // inf). Around a point where an edge begins or ends (0, inf): only L2 <= D2 is known.
     double at_least = kNever, at_most = kNever;
     double line = 0;                            ///< number of the line
     double begin = 0, end = 0;                  ///< as in Edge

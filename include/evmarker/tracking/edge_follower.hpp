@@ -83,8 +83,8 @@ class EdgeFollower {
   };
 
   /// Takes the event with line of sight (m; 1) at time t [us]; polarity 1 is brighter, -1 darker, 0 unknown.
-  // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that saves
-  // a quarter of the time.
+  // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that
+  // saves a quarter of the time.
   [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
     if (!matcher_.on_grid()) [[unlikely]]
       return push_off_grid(m, t, polarity);
@@ -193,15 +193,16 @@ class EdgeFollower {
   static constexpr int kFewestForBatch = 4;
   static constexpr int kMostEvents = 100;    // the paper's n
   static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
-  // The pose at which the edge of an event is chosen is renewed when a corner has moved farther than this [px]. Without a motion model the pose moves to and
-  // fro more than the marker does: only a jump means something.
+  // The pose at which the edge of an event is chosen is renewed when a corner has moved farther than this [px]. Without
+  // a motion model the pose moves to and fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
   // Sets what depends on the projected length of the edges. Called where nothing has been collected.
   void adapt_to_distance() noexcept {
     const double length_px = this->length_px();
     if (automatic_) {
-      const double events = std::clamp(kMotion_px * std::max(events_per_passage_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
+      const double events =
+          std::clamp(kMotion_px * std::max(events_per_passage_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
       // Not for every small change of the distance.
       if (std::abs(events - events_per_update_) > events_per_update_ / 8.0)
         set_events_per_update(static_cast<int>(events));
@@ -243,16 +244,18 @@ class EdgeFollower {
 
   Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
-  // For how many events to choose edges in one batch: about as many as come before the pose of these choices is renewed,
-  // a quarter more than may be matched until then, in whole lanes. Choices for later ones would be outdated before use.
+  // For how many events to choose edges in one batch: about as many as come before the pose of these choices is
+  // renewed, a quarter more than may be matched until then, in whole lanes. Choices for later ones would be outdated
+  // before use.
   std::size_t looked_up_at_once() const noexcept {
     const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
 
-  // Counts whether the event contradicts the motion of its edge; true if it is to be discarded. An edge that moves into the dark makes pixels brighter; seen
-  // backwards in time it moves out of the dark, and yet its events are the same. A wrong twist must not discard the
-  // events that would correct it: if most of an edge's last events contradict, none is discarded.
+  // Counts whether the event contradicts the motion of its edge; true if it is to be discarded. An edge that moves into
+  // the dark makes pixels brighter; seen backwards in time it moves out of the dark, and yet its events are the same. A
+  // wrong twist must not discard the events that would correct it: if most of an edge's last events contradict, none is
+  // discarded.
   bool discards_by_polarity(const Correspondence& c, bool on) noexcept {
     if (!c.dark_side_known) return false;
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);

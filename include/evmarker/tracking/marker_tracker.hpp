@@ -290,8 +290,9 @@ class MarkerTracker {
       return matched_ >= needed || start_search_;
   }
 
-  // Judges each edge by the events that it made, and learns how many a pixel makes in a passage. Not before the start has settled:
-  // until then corrections move the pose, and edges would seem to have passed pixels that they never passed.
+  // Judges each edge by the events that it made, and learns how many a pixel makes in a passage. Not before the start
+  // has settled: until then corrections move the pose, and edges would seem to have passed pixels that they never
+  // passed.
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker());
@@ -299,8 +300,8 @@ class MarkerTracker {
       follower_.set_events_per_passage(health_.events_per_passage());
   }
 
-  // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification. Written
-  // in place: with a pose for every event, making and copying it would cost as much as the matching.
+  // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification.
+  // Written in place: with a pose for every event, making and copying it would cost as much as the matching.
   PoseEstimate& fill(PoseEstimate& pose) const noexcept {
     const Rule& rule = follower_.rule();
     pose.t = t_;

@@ -51,7 +51,8 @@ class TileMap {
     for (std::size_t row = 0; row < rows_.size(); ++row) {
       if (!rows_[row].intersects(before) && !rows_[row].intersects(now)) continue;
       for (std::size_t i = row * columns_; i < (row + 1) * columns_; ++i)
-        marker_bits_[i] = any_marker_reaches(tiles_[i], marker % kBits) ? marker_bits_[i] | bit : marker_bits_[i] & ~bit;
+        marker_bits_[i] =
+            any_marker_reaches(tiles_[i], marker % kBits) ? marker_bits_[i] | bit : marker_bits_[i] & ~bit;
     }
   }
 
@@ -90,11 +91,11 @@ class TileMap {
   }
 
   std::size_t columns_;
-  double margin_;                       // [tangent]
-  std::vector<Box> tiles_;              // lines of sight of the pixels of each tile
-  std::vector<Box> rows_;               // the same for whole rows of tiles
+  double margin_;                           // [tangent]
+  std::vector<Box> tiles_;                  // lines of sight of the pixels of each tile
+  std::vector<Box> rows_;                   // the same for whole rows of tiles
   std::vector<std::uint64_t> marker_bits_;  // of each tile, see bit_of
-  std::vector<Box> areas_;              // of each marker: where it may have events, with a margin
+  std::vector<Box> areas_;                  // of each marker: where it may have events, with a margin
 };
 
 }  // namespace evmarker

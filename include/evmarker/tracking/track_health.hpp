@@ -69,8 +69,8 @@ class TrackHealth {
     // Standard deviation of chance matches from their estimate by the near events: both numbers are random.
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
-    // The matching share of a marker that is followed, for the likelihood: half way between chance and the usual one, so
-    // that it may be worse than usual.
+    // The matching share of a marker that is followed, for the likelihood: half way between chance and the usual one,
+    // so that it may be worse than usual.
     const double expected = (usual_share_ + kChanceShare) / 2;
     // The events of one pixel in one passage come together and are one piece of evidence.
     const double independent = 1 / std::clamp(activity_.events_per_passage(), 1.0, 10.0);

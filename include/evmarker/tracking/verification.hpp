@@ -19,8 +19,8 @@ struct VerificationSettings {
   int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
   int every = 2;                  ///< the first of this number of windows is backtracked; 1: all, for twice the cost
   double max_translation_px = 5;  ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / s where that is more, with the marker's size s
-  /// in the image: about each of three axes, an angle by which opposite sides move apart by max_translation_px.
+  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / s where that is more, with the marker's size
+  /// s in the image: about each of three axes, an angle by which opposite sides move apart by max_translation_px.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
   std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked early
@@ -234,9 +234,9 @@ class Verification {
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
   BacktrackError start_sigma_, past_start_sigma_;  // what is to be expected of the poses at the windows' starts
-  BacktrackError error_;         // of the last window that was backtracked
-  EdgeFollower<Rule> backward_;  // kept, so that copying into it does not allocate
-  Eigen::Isometry3d T_start_;    // P_n
+  BacktrackError error_;                           // of the last window that was backtracked
+  EdgeFollower<Rule> backward_;                    // kept, so that copying into it does not allocate
+  Eigen::Isometry3d T_start_;                      // P_n
   int updates_ = 0;
   bool brief_ = false;
   std::size_t brief_events_ = 0;

@@ -91,7 +91,8 @@ class KalmanUpdate {
   /// The measurements are applied at the mean time of their events; from there, the pose is moved on to the time t of
   /// the last event.
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_weight_ == 0) {  // at rest: t_us_ stays, so that the first update after it predicts over the whole standstill
+    if (signal_weight_ ==
+        0) {  // at rest: t_us_ stays, so that the first update after it predicts over the whole standstill
       forget_events();
       return true;
     }
@@ -363,8 +364,8 @@ class KalmanUpdate {
     }
   }
 
-  // Predicts the state (P_, twist_) from its own time, lead_s_ before the pose, to `after_pose_s` after the pose. Returns
-  // the motion from the present pose to there.
+  // Predicts the state (P_, twist_) from its own time, lead_s_ before the pose, to `after_pose_s` after the pose.
+  // Returns the motion from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
     lead_s_ = 0;
