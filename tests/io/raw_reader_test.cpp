@@ -9,6 +9,7 @@
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "io/test_support.hpp"
+#include "sanitized.hpp"
 
 using namespace evmarker;
 using namespace evmarker::io;
@@ -22,13 +23,6 @@ namespace {
 const std::string kEvt3Words =
     to_bytes<std::uint16_t>({0x8000, 0x6007, 0x0003, 0x2805, 0xA101, 0x3864, 0x4003, 0x8001, 0x2006});
 const std::vector<Event> kEvt3Events{{5, 3, 1, 7}, {100, 3, 1, 7}, {101, 3, 1, 7}, {6, 3, 0, 4096}};
-
-constexpr bool kSanitized =
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    true;
-#else
-    false;
-#endif
 
 }  // namespace
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "evmarker/tracking/tracker.hpp"
+#include "sanitized.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -95,10 +96,10 @@ void check_single_faults(const Make& make, std::size_t fewest_poses) {
   REQUIRE(expected.size() > fewest_poses);
   std::size_t piece = 1, trial = 0;
   for (const std::size_t at : places(events(), expected))
-    // At each place another third of all jumps: together they take too long where code is slow.
+    // At each place another third of all jumps, or twelfth under a sanitizer: together they take too long.
     for (const Timestamp jump : kJumps_us)
       for (const Timestamp by : {jump, -jump}) {
-        if (++trial % 3 != 0) continue;
+        if (++trial % (kSanitized ? 12 : 3) != 0) continue;
         CAPTURE(at);
         CAPTURE(by);
         const auto faulty = with_fault(events(), at, by);
