@@ -197,6 +197,56 @@ TEST_CASE("many events through the tracker of all markers without an allocation 
   CHECK(poses > 1000);
 }
 
+// Finds the marker at both of its poses, and once it is lost, again.
+struct BothPoses {
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+    const Eigen::Isometry3d T = recording().motion(1e-6 * static_cast<double>(frame.t()));
+    Eigen::Isometry3d other = T;
+    other.linear() = so3_exp({0.3, 0, 0}) * T.linear();
+    return {{.id = 7, .T_camera_marker = other, .T_camera_marker_alternative = T}};
+  }
+  MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
+};
+
+TEST_CASE("no push allocates or frees: not where a marker is announced, one of its poses dropped, or it is lost") {
+  // Every 0.2 s, the marker's events are scattered for 50 ms, so that it is lost and found again.
+  std::vector<Event> events = recording().events;
+  std::uint64_t state = 46;
+  for (Event& event : events)
+    if (event.t % 200000 > 150000) {
+      state = state * 6364136223846793005u + 1442695040888963407u;
+      event.x = static_cast<std::uint16_t>((state >> 33) % 640);
+      event.y = static_cast<std::uint16_t>((state >> 45) % 480);
+    }
+  for (const std::size_t together : {1u, 100u}) {
+    CAPTURE(together);
+    TrackerCore<> core(simulated::camera, {.max_markers = 2}, SpatiotemporalFilter(simulated::camera.sensor_size()));
+    BothPoses detector;
+    std::size_t allocating = 0, pushes = 0, poses = 0;
+    const auto use = [&](const PoseEstimate&) { ++poses; };
+    std::optional<Timestamp> due;
+    const auto stop = [&](const Event& event) {
+      if (core.detection_due(event.t)) due = event.t;
+      return due.has_value();
+    };
+    for (std::size_t i = 0; i < events.size();) {
+      const auto batch = std::span(events).subspan(i, std::min(together, events.size() - i));
+      const Count count;
+      i += core.push(batch, stop, use);
+      allocating += count.taken() > 0 || count.given_back() > 0;
+      ++pushes;
+      if (!due) continue;
+      core.register_markers(answer_request(detector, core.polarity_frame(), core.request_detection(*due)), use);
+      due.reset();
+    }
+    REQUIRE(core.statistics().registered >= 4);
+    REQUIRE(core.statistics().lost >= 3);
+    CHECK(poses > 1000);
+    CHECK(pushes > events.size() / 150);
+    CHECK(allocating == 0);
+  }
+}
+
 TEST_CASE("events that come together are tracked without an allocation between detections, too") {
   constexpr std::chrono::microseconds kLatency{3000};
   std::size_t frames = 0, poses = 0, batches = 0, allocating = 0;

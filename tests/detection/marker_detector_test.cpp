@@ -82,7 +82,7 @@ TEST_CASE("a detector of one's own finds what the frame shows") {
   CHECK(found[0].t == 1234);
 }
 
-TEST_CASE("a detection has one pose, no alternative and no corners until it is told") {
+TEST_CASE("a detection has one pose, no alternative and no corners until they are set") {
   const MarkerDetection detection;
   CHECK(detection.T_camera_marker.isApprox(Eigen::Isometry3d::Identity()));
   CHECK_FALSE(detection.T_camera_marker_alternative.has_value());

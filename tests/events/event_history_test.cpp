@@ -3,9 +3,12 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <deque>
 #include <random>
 #include <string>
+
+#include "message_of.hpp"
 
 using evmarker::Event;
 using evmarker::EventHistory;
@@ -41,6 +44,12 @@ TEST_CASE("capacity is rounded up to a power of two and never 0") {
   } catch (const std::invalid_argument& error) {
     CHECK(std::string(error.what()) == "event history: capacity is 0");
   }
+}
+
+TEST_CASE("a capacity beyond all memory is refused with its value") {
+  for (const std::size_t capacity : {SIZE_MAX, SIZE_MAX / 2 + 2, SIZE_MAX / 16})
+    CHECK(message_of([&] { (void)EventHistory(capacity); }) ==
+          "event history: capacity is " + std::to_string(capacity));
 }
 
 TEST_CASE("an empty history has nothing to tell") {

@@ -132,3 +132,12 @@ TEST_CASE("a wireframe that is not such a grid is none") {
   CHECK_FALSE(GridEdges::of(changed));
   CHECK_FALSE(GridEdges::of({}));
 }
+
+TEST_CASE("a code of many cells is no grid, whose table would take too much memory, and is matched without one") {
+  for (const int cells : {62, 63, 998}) {  // and the border
+    CAPTURE(cells);
+    CodeBits bits = CodeBits::Ones(cells, cells);
+    const MarkerModel model = make_code_marker(0.1, bits);
+    CHECK(GridEdges::of(model).has_value() == (cells == 62));
+  }
+}

@@ -365,6 +365,46 @@ TEST_CASE("frames that contradict now and then do not refuse a board, three more
   CHECK_FALSE(wrong.refused());
 }
 
+TEST_CASE("a board detector verifies and searches boards by their markers, if the other detector does, and markers") {
+  // Knows where each marker truly is, in its own size.
+  struct Seeing : ToldDetector {
+    const MarkerDetection* find(MarkerId id, const Isometry3d& T) const {
+      const auto is_here = [&](const MarkerDetection& d) {
+        return d.id == id && (d.T_camera_marker.translation() - T.translation()).norm() < 0.005;
+      };
+      const auto here = std::ranges::find_if(found, is_here);
+      return here != found.end() ? &*here : nullptr;
+    }
+    bool shows(MarkerId id, const Isometry3d& T) const { return find(id, T) != nullptr; }
+    std::optional<MarkerDetection> search(MarkerId id, const Isometry3d& T) const {
+      const MarkerDetection* const here = find(id, T);
+      return here ? std::optional(*here) : std::nullopt;
+    }
+  };
+  static_assert(VerifyingDetector<BoardDetector<Seeing>> && SearchingDetector<BoardDetector<Seeing>>);
+  static_assert(!VerifyingDetector<BoardDetector<ToldDetector>> && !SearchingDetector<BoardDetector<ToldDetector>>);
+  const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2}), elsewhere = facing_pose({0.1, 0.1, 0.8});
+  const Board board = plate();
+  const double length = 2 * board.markers[2].length;  // half as large as assumed, so it seems twice as far away
+  Isometry3d seen = truth * board.markers[2].T_board_marker;
+  seen.translation() *= 2;
+  BoardDetector detector(simulated::camera,
+                         Seeing{{length, {detection(board.markers[2].id, seen), detection(30, elsewhere)}}}, {board});
+  CHECK(detector.shows(kBoard, truth));
+  CHECK_FALSE(detector.shows(kBoard, elsewhere));
+  CHECK(detector.shows(30, elsewhere));
+  CHECK_FALSE(detector.shows(30, truth));
+  Isometry3d near_truth = truth;
+  near_truth.translation().x() += 0.001;
+  const auto found = detector.search(kBoard, near_truth);
+  REQUIRE(found);
+  CHECK(found->id == kBoard);
+  CHECK(found->T_camera_marker.isApprox(truth, 1e-9));
+  CHECK_FALSE(detector.search(kBoard, elsewhere));
+  REQUIRE(detector.search(30, elsewhere));
+  CHECK(detector.search(30, elsewhere)->id == 30);
+}
+
 TEST_CASE("a board detector knows boards and markers by their ids, and refuses boards that share one") {
   const ToldDetector reported{0.04, {}};
   const auto opened = [&](std::vector<Board> boards) { return BoardDetector(simulated::camera, reported, boards); };

@@ -273,8 +273,12 @@ TEST_CASE("a wireframe that cannot be tracked is refused with what is wrong") {
   CHECK(message([](MarkerModel& m) { m.vertices[1] = m.vertices[0]; }) == "marker model: segment 0 has no length");
   CHECK(message([](MarkerModel& m) { m.vertices[3].y() = std::nan(""); }) == "marker model: vertex 3 is not finite");
   CHECK(message([](MarkerModel& m) { m.segments[3].dark_side.x() = std::nan(""); }) ==
-        "marker model: segment 3: dark side is not finite");
+        "marker model: segment 3: dark_side has length nan, not 1 or, where unknown, 0");
   CHECK(message([](MarkerModel& m) { m.segments[3].face_normal.z() = std::nan(""); }) ==
-        "marker model: segment 3: face normal is not finite");
+        "marker model: segment 3: face_normal has length nan, not 1 or, where unknown, 0");
+  CHECK(message([](MarkerModel& m) { m.segments[3].dark_side *= 2; }) ==
+        "marker model: segment 3: dark_side has length 2, not 1 or, where unknown, 0");
+  CHECK(message([](MarkerModel& m) { m.segments[0].face_normal *= 0.5; }) ==
+        "marker model: segment 0: face_normal has length 0.5, not 1 or, where unknown, 0");
   CHECK(message([](MarkerModel& m) { m.segments[3].dark_side.setZero(); }) == "nothing thrown");  // not known
 }

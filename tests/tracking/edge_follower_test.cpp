@@ -372,9 +372,11 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
   CHECK(message_of(facing, {.matching = {.max_distance_px = -2}}) == "segment matcher: max_distance_px is -2");
   CHECK(message_of(facing, {.update = {.rotation_gain = -1}}) == "decoupled update: rotation_gain is -1");
   CHECK(message_of(kAhead, {}) == "T_camera_marker does not put the marker in front of the camera");  // from behind
-  for (const Vector3d& t : {Vector3d(0, 0, -1), Vector3d(0, 0, 0), Vector3d(nan, 0, 1), Vector3d(0, 0, nan)})
+  for (const Vector3d& t : {Vector3d(0, 0, -1), Vector3d(0, 0, 0)})
     CHECK(message_of(turned_pose({std::numbers::pi, 0, 0}, t), {}) ==
           "T_camera_marker does not put the marker in front of the camera");
+  for (const Vector3d& t : {Vector3d(nan, 0, 1), Vector3d(0, 0, nan)})
+    CHECK(message_of(turned_pose({std::numbers::pi, 0, 0}, t), {}) == "T_camera_marker is no rotation and translation");
 }
 
 namespace {

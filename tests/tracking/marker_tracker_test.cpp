@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <span>
@@ -13,6 +14,7 @@
 
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/update/decoupled_update.hpp"
+#include "message_of.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -328,6 +330,48 @@ TEST_CASE("after its loss a marker says nothing, also to events that come after 
     CHECK(poses == 0);
     CHECK(tracker.T_camera_marker().isApprox(last, 0));
   }
+}
+
+TEST_CASE("a gap before the first event changes nothing, and no gap is too long to be told") {
+  const Trajectory motion = simulated::near_motion(46);
+  const auto events = simulated::near_events(motion, 0.1, 46);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  const auto poses = [&](MarkerTracker<> tracker) {
+    std::vector<PoseEstimate> all;
+    tracker.push(events, [&](const PoseEstimate& pose) { all.push_back(pose); });
+    return all;
+  };
+  const MarkerTracker<> start(simulated::camera, model, motion(0), {.start_search = std::nullopt}, 7, 123);
+  CHECK(start.estimate().t == 123);
+  for (const auto gap : {std::chrono::microseconds(20000), std::chrono::microseconds::max()}) {
+    MarkerTracker<> waited = start;
+    CHECK(waited.skip(gap) == nullptr);
+    CHECK(waited.estimate().t == 123);
+    const auto a = poses(start), b = poses(waited);
+    REQUIRE(a.size() > 100);
+    REQUIRE(a.size() == b.size());
+    CHECK(a.back().T_camera_marker.matrix() == b.back().T_camera_marker.matrix());
+  }
+  MarkerTracker<> tracker = start;
+  tracker.push(events, [](const PoseEstimate&) {});
+  const PoseEstimate* const last = tracker.skip(std::chrono::microseconds::max());
+  REQUIRE(last != nullptr);
+  CHECK(last->quality.state == TrackingState::lost);
+  CHECK(last->quality.loss_reason == LossReason::events_missing);
+}
+
+TEST_CASE("a start that is no rigid motion is refused") {
+  const MarkerModel model = make_square_marker(0.1);
+  const auto refusal = [&](const auto& change) {
+    Eigen::Isometry3d T = facing_pose({0, 0, 0.6});
+    change(T);
+    return message_of([&] { (void)MarkerTracker<>(simulated::camera, model, T); });
+  };
+  CHECK(refusal([](Eigen::Isometry3d& T) { T.linear() *= 1.1; }) == "T_camera_marker is no rotation and translation");
+  CHECK(refusal([](Eigen::Isometry3d& T) { T.linear().col(0) *= -1; }) ==
+        "T_camera_marker is no rotation and translation");
+  CHECK(refusal([](Eigen::Isometry3d& T) { T.translation().x() = NAN; }) ==
+        "T_camera_marker is no rotation and translation");
 }
 
 TEST_CASE("a marker that leaves the image is lost") {

@@ -41,7 +41,7 @@ TEST_CASE("of both poses the right one goes on, whichever was first") {
     AccuracyMeter meter;
     Timestamp last = 0;
     int back = 0, empty = 0;
-    marker.push(events, [&](const PoseEstimate& pose) {
+    marker.push(events, [&](const PoseEstimate& pose, const Event&) {
       back += pose.t < last;
       empty += pose.id != 3 || pose.T_camera_marker.translation().z() < 0.1;
       last = pose.t;
@@ -69,7 +69,7 @@ TEST_CASE("far away, where both look alike, none is called tracking before the e
                                             {.start_search = std::nullopt});
       AccuracyMeter meter;
       Timestamp first = 0;
-      marker.push(events, [&](const PoseEstimate& pose) {
+      marker.push(events, [&](const PoseEstimate& pose, const Event&) {
         if (pose.quality.state == TrackingState::tracking && first == 0) first = pose.t;
         meter.add(pose, motion(seconds(pose.t)));
       });
@@ -95,12 +95,12 @@ TEST_CASE("events may be missing for as long as either pose survives that") {
       const auto survives = [&](const Eigen::Isometry3d& start) {
         MarkerTracker<KalmanUpdate> alone(lines, model, start, settings);
         alone.set_ambiguous(true);
-        alone.push_checked(events, [](const PoseEstimate&) {});
+        alone.push_checked(events, [](const PoseEstimate&, const Event&) {});
         return alone.skip(std::chrono::microseconds(missing_us)) == nullptr;
       };
       const bool right = survives(motion(0)), other = survives(tilted);
       PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), tilted, right_one_first), settings);
-      marker.push(events, [](const PoseEstimate&) {});
+      marker.push(events, [](const PoseEstimate&, const Event&) {});
       const PoseEstimate* const last = marker.skip(std::chrono::microseconds(missing_us));
       CHECK((last == nullptr) == (right || other));
       if (last) CHECK(last->quality.state == TrackingState::lost);

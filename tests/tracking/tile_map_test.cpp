@@ -37,7 +37,7 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
   std::uniform_real_distribution<double> place(-0.7, 0.7), size(0, 0.2), step(-0.05, 0.05);
   for (const PinholeCamera& camera : {kStraight, kDistorted}) {
     const UndistortionTable lines(camera);
-    TileMap map(lines);
+    TileMap map(lines, 70);
     std::vector<Box> reaches(70);  // more than there are bits
     map.resize(reaches.size());
     for (Box& reach : reaches) {
@@ -75,7 +75,7 @@ TEST_CASE("every event in a marker's reach is told to it, and few others are, as
 
 TEST_CASE("a marker that may be anywhere is told everything, one that left or was never placed nothing") {
   const UndistortionTable lines(kStraight);
-  TileMap map(lines);
+  TileMap map(lines, 3);
   map.resize(3);
   CHECK(asked(map, event_on(100, 75)).empty());
   map.move(1, Box::everywhere());
@@ -92,7 +92,7 @@ TEST_CASE("a marker that may be anywhere is told everything, one that left or wa
 
 TEST_CASE("a marker that might be anywhere, or recedes, is soon told only what lies near it") {
   const UndistortionTable lines(kStraight);
-  TileMap map(lines);
+  TileMap map(lines, 1);
   map.resize(1);
   map.move(0, Box::everywhere());
   map.move(0, {{-0.1, -0.1}, {0.1, 0.1}});

@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -46,6 +48,10 @@ struct AllKnowing {
     return make_code_marker(simulated::kMarkerLength, bits);
   }
 };
+
+bool same_pose(const PoseEstimate& a, const PoseEstimate& b) {
+  return a.id == b.id && a.t == b.t && a.T_camera_marker.matrix() == b.T_camera_marker.matrix();
+}
 
 template <typename T>
 std::vector<PoseEstimate> track(T& tracker, const std::vector<Event>& events) {
@@ -141,7 +147,9 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
                      {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = moved(middle, 0.08)}},
                     {{.centre_px = board, .half_size_px = {150, 240}}},
                     {}};
-  const auto events = simulated::record({simulated::camera, scene, {.duration_s = 0.8, .seed = 56}});
+  auto events = simulated::record({simulated::camera, scene, {.duration_s = 0.8, .seed = 56}});
+  for (std::size_t i = 0; i + 7 < events.size(); i += 50)
+    events[i].t = events[i + 7].t;  // some step back, or are equal
   const auto run = [&](std::size_t together) {
     Tracker tracker(simulated::camera, AllKnowing{{moved(left, -0.12), moved(middle, 0.08)}});
     std::vector<PoseEstimate> poses;
@@ -155,11 +163,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
   REQUIRE(expected.size() > 1000);
   REQUIRE(statistics.registered >= 2);
   REQUIRE(statistics.lost >= 1);
-  const auto by_marker = [](const std::vector<PoseEstimate>& poses, MarkerId id) {
-    std::vector<PoseEstimate> its;
-    std::ranges::copy_if(poses, std::back_inserter(its), [id](const PoseEstimate& pose) { return pose.id == id; });
-    return its;
-  };
+  for (const MarkerId id : {0, 1}) REQUIRE(std::ranges::count(expected, id, &PoseEstimate::id) > 100);
   for (const std::size_t together : {1u, 100u, 5000u, 100000000u}) {
     CAPTURE(together);
     const auto [poses, again] = run(together);
@@ -169,17 +173,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
     CHECK(again.registered == statistics.registered);
     CHECK(again.lost == statistics.lost);
     CHECK(again.replayed == statistics.replayed);
-    CHECK(std::ranges::is_sorted(poses, {}, &PoseEstimate::t) ==
-          std::ranges::is_sorted(expected, {}, &PoseEstimate::t));
-    for (const MarkerId id : {0, 1}) {
-      const auto a = by_marker(poses, id), b = by_marker(expected, id);
-      REQUIRE(a.size() > 100);
-      REQUIRE(a.size() == b.size());
-      std::size_t different = 0;
-      for (std::size_t i = 0; i < a.size(); ++i)
-        different += a[i].t != b[i].t || a[i].T_camera_marker.matrix() != b[i].T_camera_marker.matrix();
-      CHECK(different == 0);
-    }
+    CHECK(std::ranges::equal(poses, expected, same_pose));
   }
 }
 
@@ -207,26 +201,20 @@ TEST_CASE("where markers meet, events that come together give the same poses, bi
     TrackerSettings<> settings;
     settings.marker.events_per_update = n;
     const Tracker start(simulated::camera, AllKnowing{{behind, before}}, settings);
-    std::map<MarkerId, std::vector<PoseEstimate>> expected;
     Tracker one_by_one = start;
-    for (const PoseEstimate& pose : track(one_by_one, events)) expected[pose.id].push_back(pose);
-    REQUIRE(expected[0].size() > 300);
-    REQUIRE(expected[1].size() > 300);
+    const std::vector<PoseEstimate> expected = track(one_by_one, events);
+    for (const MarkerId id : {0, 1}) REQUIRE(std::ranges::count(expected, id, &PoseEstimate::id) > 300);
     REQUIRE(one_by_one.statistics().lost >= 1);
     for (const std::size_t together : {100u, 1000u, 1024u, 5000u}) {
       CAPTURE(together);
       Tracker tracker = start;
-      std::map<MarkerId, std::vector<PoseEstimate>> poses;
+      std::vector<PoseEstimate> poses;
       for (std::size_t i = 0; i < events.size(); i += together)
         tracker.push(std::span(events).subspan(i, std::min(together, events.size() - i)),
-                     [&](const PoseEstimate& pose) { poses[pose.id].push_back(pose); });
+                     [&](const PoseEstimate& pose) { poses.push_back(pose); });
       CHECK(tracker.statistics().detections == one_by_one.statistics().detections);
       CHECK(tracker.statistics().lost == one_by_one.statistics().lost);
-      for (const MarkerId id : {0, 1}) {
-        CHECK(std::ranges::equal(poses[id], expected[id], [](const PoseEstimate& a, const PoseEstimate& b) {
-          return a.t == b.t && a.T_camera_marker.matrix() == b.T_camera_marker.matrix();
-        }));
-      }
+      CHECK(std::ranges::equal(poses, expected, same_pose));
     }
   }
 }
@@ -350,6 +338,112 @@ TEST_CASE("after missing events, what was found before them is not followed") {
     CHECK(!core.result_pending());
     CHECK(core.statistics().registered == (missing < 1000 ? 1 : 0));
   }
+}
+
+TEST_CASE("a detector that throws leaves no result behind, and tracking goes on") {
+  const Trajectory motion = simulated::near_motion(58);
+  const auto events = simulated::near_events(motion, 0.2, 58);
+  struct Ghost {  // seen once; then the detector fails; then there is nothing
+    int* calls;
+    std::vector<MarkerDetection> detect(const PolarityFrame&) const {
+      if (++*calls == 2) throw std::runtime_error("out of order");
+      if (*calls > 2) return {};
+      return {{.id = 0, .T_camera_marker = facing_pose({0, 0, 0.6})}};
+    }
+    bool shows(MarkerId, const Eigen::Isometry3d&) const { return *calls == 1; }
+    MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
+  };
+  int calls = 0, thrown = 0;
+  std::size_t poses = 0;
+  Tracker tracker(simulated::camera, Ghost{&calls});
+  for (const Event& event : events) try {
+      poses += tracker.push(event).size();
+    } catch (const std::runtime_error&) {
+      ++thrown;
+    }
+  CHECK(thrown == 1);
+  CHECK(calls > 10);
+  CHECK(poses == 0);
+  CHECK(tracker.statistics().registered == 0);
+  CHECK(tracker.statistics().events == events.size());
+}
+
+TEST_CASE("a detector need not tell corners and times") {
+  const Trajectory motion = simulated::near_motion(58);
+  const auto events = simulated::near_events(motion, 0.2, 58);
+  struct Terse {
+    Trajectory motion;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+      return {{.id = 0, .T_camera_marker = motion(seconds(frame.t()))}};
+    }
+    MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
+  };
+  Tracker terse(simulated::camera, Terse{motion});
+  Tracker talkative(simulated::camera, TrueDetector{motion});
+  const auto a = track(terse, events), b = track(talkative, events);
+  REQUIRE(a.size() > 500);
+  REQUIRE(a.size() == b.size());
+  CHECK(a.back().T_camera_marker.matrix() == b.back().T_camera_marker.matrix());
+}
+
+TEST_CASE("poses from which no tracker can start are counted and left out, the others are tracked") {
+  const Trajectory motion = simulated::near_motion(58);
+  const auto events = simulated::near_events(motion, 0.2, 58);
+  struct Hostile {
+    Trajectory motion;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) const {
+      const Eigen::Isometry3d T = motion(seconds(frame.t()));
+      Eigen::Isometry3d none = T, behind = T, mirrored = T, away = T;
+      none.translation().z() = NAN;
+      behind.translation().z() *= -1;
+      mirrored.linear().col(0) *= -1;
+      away.linear() = T.linear() * so3_exp({0, 3, 0});
+      return {{.id = 0, .T_camera_marker = none, .T_camera_marker_alternative = T},
+              {.id = 1, .T_camera_marker = behind},
+              {.id = 2, .T_camera_marker = mirrored, .T_camera_marker_alternative = none},
+              {.id = 3, .T_camera_marker = away},
+              {.id = 4, .T_camera_marker = T}};
+    }
+    MarkerModel model(MarkerId id) const {
+      return id == 4 ? MarkerModel() : make_code_marker(simulated::kMarkerLength, simulated::code());
+    }
+  };
+  Tracker tracker(simulated::camera, Hostile{motion});
+  AccuracyMeter meter;
+  for (const PoseEstimate& pose : track(tracker, events)) {
+    CHECK(pose.id == 0);
+    meter.add(pose, motion(seconds(pose.t)));
+  }
+  REQUIRE(meter.tracking() > 500);
+  CHECK(meter.translation_mm().mean < 2);
+  CHECK(tracker.statistics().unusable_poses > 10);
+}
+
+TEST_CASE("a tracker that follows something else gives way to its marker's detections elsewhere") {
+  const Trajectory followed = simulated::near_motion(58);
+  const auto events = simulated::near_events(followed, 0.6, 58);
+  // From 0.2 s on, the detector finds the code elsewhere, in some frames or in all of them.
+  struct Elsewhere {
+    Trajectory motion;
+    int every;
+    int frames = 0;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+      Eigen::Isometry3d T = motion(seconds(frame.t()));
+      if (frame.t() > 200000 && ++frames % every == 0) T.translation().x() += 0.2;
+      return {{.id = 0, .T_camera_marker = T}};
+    }
+    MarkerModel model(MarkerId) const { return make_code_marker(simulated::kMarkerLength, simulated::code()); }
+  };
+  Tracker misled(simulated::camera, Elsewhere{followed, 2});
+  track(misled, events);
+  CHECK(misled.statistics().lost == 0);
+  Tracker tracker(simulated::camera, Elsewhere{followed, 1});
+  const auto poses = track(tracker, events);
+  const auto lost = std::ranges::find(poses, TrackingState::lost, [](const auto& pose) { return pose.quality.state; });
+  REQUIRE(lost != poses.end());
+  CHECK(lost->quality.loss_reason == LossReason::replaced);
+  CHECK(lost->t > 200000);
+  CHECK(lost->t < 400000);
 }
 
 TEST_CASE("events off the sensor and steps back in time are counted and survived") {

@@ -26,7 +26,8 @@ namespace evmarker {
 /// passes on the markers that are on no board. One marker of a board is enough. Where several are detected, the pose is
 /// fitted to the corners of all, which also decides between the two poses of a planar marker. A board whose markers are
 /// seen at other places than its file says is not reported, see `BoardCheck`. One marker alone cannot contradict the
-/// file: it is enough until others are seen, but not after these have contradicted.
+/// file: it is enough until others are seen, but not after these have contradicted. It verifies and searches if the
+/// other detector does: boards by any of their markers.
 template <MarkerDetector Detector>
 class BoardDetector {
  public:
@@ -65,9 +66,28 @@ class BoardDetector {
 
   /// The wireframe of a board, or of a marker.
   MarkerModel model(MarkerId id) {
-    for (const Target& target : targets_)
-      if (target.board.id == id) return target.model;
-    return detector_.model(id);
+    const std::optional<std::size_t> target = target_of(id);
+    return target ? targets_[*target].model : detector_.model(id);
+  }
+
+  /// See VerifyingDetector.
+  bool shows(MarkerId id, const Eigen::Isometry3d& T) requires VerifyingDetector<Detector> {
+    const std::optional<std::size_t> target = target_of(id);
+    if (!target) return detector_.shows(id, T);
+    return std::ranges::any_of(targets_[*target].board.markers, [&](const BoardMarker& marker) {
+      return detector_.shows(marker.id, as_assumed(marker, T * marker.T_board_marker));
+    });
+  }
+
+  /// See SearchingDetector.
+  std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T) requires SearchingDetector<Detector> {
+    const std::optional<std::size_t> target = target_of(id);
+    if (!target) return detector_.search(id, T);
+    std::vector<SeenMarker> seen;
+    for (const BoardMarker& marker : targets_[*target].board.markers)
+      if (const auto detection = detector_.search(marker.id, as_assumed(marker, T * marker.T_board_marker)))
+        seen.push_back(seen_marker(*target, marker, *detection));
+    return seen.empty() ? std::nullopt : locate(targets_[*target], seen);
   }
 
  private:
@@ -103,6 +123,27 @@ class BoardDetector {
                                     " and on board " + std::to_string(a.id));
   }
 
+  // The number of the board with this id; nothing for the id of a marker.
+  std::optional<std::size_t> target_of(MarkerId id) const noexcept {
+    for (std::size_t i = 0; i < targets_.size(); ++i)
+      if (targets_[i].board.id == id) return i;
+    return std::nullopt;
+  }
+
+  // How many times larger a marker is than the detector assumes. A larger one looks the same, but is farther away in
+  // proportion.
+  double scale(const BoardMarker& marker) {
+    double assumed = 0;
+    for (const Eigen::Vector3d& vertex : detector_.model(marker.id).vertices)
+      assumed = std::max(assumed, 2 * std::abs(vertex.x()));
+    return marker.length / assumed;
+  }
+  // The pose of a marker at which one of the size that the detector assumes looks the same.
+  Eigen::Isometry3d as_assumed(const BoardMarker& marker, Eigen::Isometry3d T) {
+    set_translation(T, 1 / scale(marker) * translation(T));
+    return T;
+  }
+
   // The marker of a board that a detection shows; nothing if it is on no board.
   std::optional<SeenMarker> board_marker(const MarkerDetection& detection) {
     for (std::size_t target = 0; target < targets_.size(); ++target)
@@ -112,12 +153,8 @@ class BoardDetector {
   }
 
   SeenMarker seen_marker(std::size_t target, const BoardMarker& marker, const MarkerDetection& detection) {
-    // A marker that is larger than the detector assumes looks the same, but is farther away in proportion.
-    double assumed = 0;
-    for (const Eigen::Vector3d& vertex : detector_.model(marker.id).vertices)
-      assumed = std::max(assumed, 2 * std::abs(vertex.x()));
-    const auto T_camera_marker = [&](Eigen::Isometry3d T) {
-      set_translation(T, marker.length / assumed * translation(T));
+    const auto T_camera_marker = [larger = scale(marker)](Eigen::Isometry3d T) {
+      set_translation(T, larger * translation(T));
       return T;
     };
     SeenMarker s{target, &marker, detection.t, {}, {}, {}};

@@ -4,11 +4,16 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <stdexcept>
+#include <utility>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/marker_detector.hpp"
+#include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/projection.hpp"
+#include "evmarker/model/wireframe.hpp"
 
 namespace evmarker {
 
@@ -35,6 +40,18 @@ enum class Sighting {
   wrong_tilt  ///< it was detected with only one possible pose, and that is clearly tilted against the tracked one
 };
 
+/// True if a wireframe can be followed from a pose on: if both are valid, and all of the wireframe is in front of the
+/// camera, with a face turned to it.
+inline bool can_be_followed(const MarkerModel& model, double focal_length, const Eigen::Isometry3d& T_camera_marker) {
+  try {
+    validate(model);
+    validate_start(model, T_camera_marker);
+    return SegmentMatcher(model, focal_length).project(T_camera_marker);
+  } catch (const std::invalid_argument&) {
+    return false;
+  }
+}
+
 /// What a detector found in the frame of a request.
 struct DetectionResult {
   struct Marker {
@@ -44,21 +61,37 @@ struct DetectionResult {
   std::uint64_t events_in_frame = 0;  ///< that of the request
   std::vector<Marker> markers{};      ///< first those that `detect` found, then the lost ones that `search` found
   std::size_t detected = 0;           ///< how many of them `detect` found
+  std::uint64_t unusable_poses = 0;   ///< no rigid motions, or not in front of the camera: left out
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
+
+  /// Adds a marker without those of its poses from which no tracker could start; not at all if there is no other.
+  void add(Marker marker, double focal_length) {
+    const auto usable = [&](const Eigen::Isometry3d& T) {
+      const bool can_start = can_be_followed(marker.model, focal_length, T);
+      unusable_poses += !can_start;
+      return can_start;
+    };
+    Eigen::Isometry3d& T = marker.detection.T_camera_marker;
+    auto& alternative = marker.detection.T_camera_marker_alternative;
+    if (alternative && !usable(*alternative)) alternative.reset();
+    if (!usable(T)) {
+      if (!alternative) return;
+      T = *std::exchange(alternative, std::nullopt);
+    }
+    markers.push_back(std::move(marker));
+  }
 
   /// The markers that `detect` found.
   std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
 };
 
-/// True if the marker's centre at a pose is, in the image, less than half of the detected marker's mean diagonal from
-/// its centre as detected.
-inline bool same_place(const MarkerDetection& detection, const Eigen::Isometry3d& T_camera_marker,
-                       double focal_length) noexcept {
-  const Vec2 a = on_plane(translation(detection.T_camera_marker)), b = on_plane(translation(T_camera_marker));
-  const auto diagonal_px = [&](std::size_t i) {
-    return norm(Vec2(detection.corners_px[i]) - Vec2(detection.corners_px[i + 2]));
-  };
-  return focal_length * norm(a - b) < 0.25 * (diagonal_px(0) + diagonal_px(1));
+/// True if the marker's origin at a pose is, in the image, nearer to its origin as detected than half of the diagonal
+/// of the box around the detected marker.
+inline bool same_place(const DetectionResult::Marker& detected, const Eigen::Isometry3d& T_camera_marker) noexcept {
+  const Eigen::Isometry3d& T = detected.detection.T_camera_marker;
+  Box box;
+  for (const Eigen::Vector3d& vertex : detected.model.vertices) box.extend(on_plane(transform(T, vertex)));
+  return norm(on_plane(translation(T)) - on_plane(translation(T_camera_marker))) < norm(box.high - box.low) / 2;
 }
 
 /// True if a detection without an alternative differs from a tracked pose in its rotation, by more than 0.25 rad. That
@@ -70,42 +103,41 @@ inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isom
          geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
-/// Answers a request: detects markers in the frame, searches for the missing ones, and checks the unconfirmed ones. A
-/// detector may have two more functions, about the frame that `detect` was given last:
-///
-///     bool shows(MarkerId, const Eigen::Isometry3d&)                             is this marker's code at this pose?
-///     std::optional<MarkerDetection> search(MarkerId, const Eigen::Isometry3d&)  is this marker near this pose?
+/// Answers a request: detects markers in the frame, searches for the missing ones if the detector is a
+/// `SearchingDetector`, and checks the unconfirmed ones: whether they are detected at their places, or, by a
+/// `VerifyingDetector`, their codes are read there. Poses from which no tracker could start, as of a detector that errs,
+/// are left out and counted.
 template <MarkerDetector Detector>
 DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
   DetectionResult result{.events_in_frame = request.events_in_frame};
-  const auto add = [&](const MarkerDetection& detection) {
-    result.markers.push_back({detection, detector.model(detection.id)});
+  const auto add = [&](MarkerDetection detection) {
+    detection.t = request.t;
+    result.add({detection, detector.model(detection.id)}, request.focal_length);
   };
   const auto find = [&](std::span<const DetectionResult::Marker> among, MarkerId id) {
     const auto found = std::ranges::find(among, id, [](const auto& marker) { return marker.detection.id; });
-    return found != among.end() ? &found->detection : nullptr;
+    return found != among.end() ? &*found : nullptr;
   };
   for (const MarkerDetection& detection : detector.detect(frame)) add(detection);
   result.detected = result.markers.size();
 
   // A search near its predicted pose finds a partly hidden marker that `detect` misses.
-  if constexpr (requires(MarkerId id, Eigen::Isometry3d T) { detector.search(id, T); })
+  if constexpr (SearchingDetector<Detector>)
     for (const auto& [id, T_camera_marker] : request.missing)
       if (find(result.markers, id) == nullptr)
         if (const auto detection = detector.search(id, T_camera_marker)) add(*detection);
 
-  const auto shows = [&](const PlacedMarker& marker, [[maybe_unused]] const MarkerDetection* detection) -> bool {
-    if constexpr (requires { detector.shows(marker.id, marker.T_camera_marker); })
-      return detector.shows(marker.id, marker.T_camera_marker);
-    else
-      return detection && same_place(*detection, marker.T_camera_marker, request.focal_length);
+  const auto there = [&](const PlacedMarker& marker, const DetectionResult::Marker* found) -> bool {
+    if (found && same_place(*found, marker.T_camera_marker)) return true;
+    if constexpr (VerifyingDetector<Detector>) return detector.shows(marker.id, marker.T_camera_marker);
+    return false;
   };
   for (const PlacedMarker& marker : request.unconfirmed) {
-    const MarkerDetection* const detection = find(result.detected_markers(), marker.id);
-    const bool wrong_tilt = detection && contradicts_tilt(*detection, marker.T_camera_marker);
-    result.sightings.push_back(wrong_tilt                 ? Sighting::wrong_tilt
-                               : shows(marker, detection) ? Sighting::there
-                                                          : Sighting::none);
+    const DetectionResult::Marker* const found = find(result.detected_markers(), marker.id);
+    const bool wrong_tilt = found && contradicts_tilt(found->detection, marker.T_camera_marker);
+    result.sightings.push_back(wrong_tilt             ? Sighting::wrong_tilt
+                               : there(marker, found) ? Sighting::there
+                                                      : Sighting::none);
   }
   return result;
 }

@@ -15,21 +15,33 @@ namespace evmarker {
 /// A marker that was found in one frame, with the pose from which a tracker starts.
 struct MarkerDetection {
   MarkerId id = 0;
-  Timestamp t = 0;  ///< of the frame [us]
+  Timestamp t = 0;  ///< of the frame [us]; set by `answer_request`
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
   /// The second solution for the pose of a planar marker, mirrored in depth, if it fits nearly as well.
   std::optional<Eigen::Isometry3d> T_camera_marker_alternative = std::nullopt;
-  /// Corners in the distorted image [px], from the marker's top left clockwise.
+  /// Corners in the distorted image [px], from the marker's top left clockwise; for pictures, no tracker needs them.
   std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
 };
 
-/// A detector finds markers in a frame and returns their models. It may be slow and may allocate; it must not keep the
-/// frame. For its optional functions see `answer_request`.
+/// A detector finds markers in a frame and returns their models. It may be slow, may allocate and may throw; it must
+/// not keep the frame.
 template <typename D>
 concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, MarkerId id) {
   { detector.detect(frame) } -> std::ranges::input_range;
   requires std::convertible_to<std::ranges::range_value_t<decltype(detector.detect(frame))>, MarkerDetection>;
   { detector.model(id) } -> std::convertible_to<MarkerModel>;
+};
+
+/// A detector that can also tell whether the frame that `detect` was given last shows a marker's code at a pose.
+template <typename D>
+concept VerifyingDetector = MarkerDetector<D> && requires(D& detector, MarkerId id, const Eigen::Isometry3d& T) {
+  { detector.shows(id, T) } -> std::same_as<bool>;
+};
+
+/// A detector that can also search that frame for a marker near a pose, with more patience than `detect`.
+template <typename D>
+concept SearchingDetector = MarkerDetector<D> && requires(D& detector, MarkerId id, const Eigen::Isometry3d& T) {
+  { detector.search(id, T) } -> std::same_as<std::optional<MarkerDetection>>;
 };
 
 }  // namespace evmarker

@@ -1,8 +1,10 @@
 #pragma once
 // Events, and how the library reads the event types of cameras and of other libraries.
+#include <chrono>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
+#include <limits>
 #include <type_traits>
 
 namespace evmarker {
@@ -13,6 +15,12 @@ using Timestamp = std::int64_t;
 /// Time from `from` to `to` [us], which must not be earlier; correct for any two such times, without overflow.
 constexpr std::uint64_t elapsed_us(Timestamp from, Timestamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
+}
+
+/// The time `duration`, which must not be negative, after t, at most the last one that can be told.
+constexpr Timestamp later(Timestamp t, std::chrono::microseconds duration) noexcept {
+  constexpr Timestamp kLast = std::numeric_limits<Timestamp>::max();
+  return t > kLast - duration.count() ? kLast : t + duration.count();
 }
 
 /// Width and height of a sensor [px].

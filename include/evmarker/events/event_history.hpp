@@ -3,6 +3,7 @@
 #include <bit>
 #include <cstdint>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
@@ -14,9 +15,10 @@ namespace evmarker {
 class EventHistory {
  public:
   /// @param capacity number of events kept, rounded up to a power of two
-  /// @throws std::invalid_argument if it is 0
+  /// @throws std::invalid_argument if it is 0, or more than any memory
   explicit EventHistory(std::size_t capacity) {
-    if (capacity == 0) throw std::invalid_argument("event history: capacity is 0");
+    if (capacity == 0 || capacity > ring_.max_size() / 2)
+      throw std::invalid_argument("event history: capacity is " + std::to_string(capacity));
     ring_.resize(std::bit_ceil(capacity));
     mask_ = ring_.size() - 1;
   }

@@ -38,11 +38,13 @@ class GridEdges {
     std::int32_t coordinate = 0, segment = -1;  ///< coordinate of the line; segment as in Edge
   };
 
+  static constexpr int kMostCells = 64;  ///< along a side: a table of a megabyte; markers have up to ten
+
   /// The edges of a wireframe that lies, without overlaps and with known dark sides, on the lines of a grid of
-  /// `model.cells` by `model.cells` cells; nothing for any other wireframe.
+  /// `model.cells` by `model.cells` cells; nothing for any other wireframe, or for more than kMostCells.
   static std::optional<GridEdges> of(const MarkerModel& model) {
     GridEdges grid;
-    if (model.cells < 1 || model.cells > 1000) return std::nullopt;
+    if (model.cells < 1 || model.cells > kMostCells) return std::nullopt;
     grid.cells_ = model.cells;
     double half_length = 0;
     for (const Eigen::Vector3d& vertex : model.vertices) half_length = std::max(half_length, vertex.x());

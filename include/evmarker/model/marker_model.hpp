@@ -53,9 +53,15 @@ inline void require_marker_length(double length, const char* field = "length") {
                                 number_text(length));
 }
 
+inline void require_direction(const Eigen::Vector3d& direction, const std::string& name) {
+  const double length = norm(Vec3(direction));
+  if (length != 0 && !(std::abs(length - 1) < 1e-6))
+    throw std::invalid_argument(name + " has length " + number_text(length) + ", not 1 or, where unknown, 0");
+}
+
 }  // namespace detail
 
-/// Checks that a wireframe has edges, that each has two vertices and a length, and that all vectors are finite.
+/// Checks that a wireframe has edges, that each has two vertices and a length, and that directions are unit vectors.
 /// @throws std::invalid_argument naming the vertex or the segment that is wrong
 inline void validate(const MarkerModel& model) {
   if (model.segments.empty()) throw std::invalid_argument("marker model: no segments");
@@ -71,8 +77,8 @@ inline void validate(const MarkerModel& model) {
                                   " of " + std::to_string(model.vertices.size()));
     const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
     if (squared_norm(Vec3(vertex(from)) - Vec3(vertex(to))) == 0) throw std::invalid_argument(name + " has no length");
-    if (!is_finite(Vec3(dark_side))) throw std::invalid_argument(name + ": dark side is not finite");
-    if (!is_finite(Vec3(face_normal))) throw std::invalid_argument(name + ": face normal is not finite");
+    detail::require_direction(dark_side, name + ": dark_side");
+    detail::require_direction(face_normal, name + ": face_normal");
   }
 }
 

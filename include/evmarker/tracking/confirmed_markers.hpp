@@ -5,6 +5,7 @@
 #include <chrono>
 #include <concepts>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <utility>
 #include <vector>
@@ -23,7 +24,7 @@ template <PoseUpdateRule Rule>
 class ConfirmedMarkers {
  public:
   ConfirmedMarkers(const UndistortionTable& lines_of_sight, std::size_t max_markers)
-      : lines_of_sight_(lines_of_sight), tiles_(lines_of_sight), inboxes_(max_markers) {
+      : lines_of_sight_(lines_of_sight), tiles_(lines_of_sight, max_markers), inboxes_(max_markers) {
     markers_.reserve(max_markers);
   }
 
@@ -54,21 +55,22 @@ class ConfirmedMarkers {
 
   /// Queues the event; its markers get it at the next `flush` at the latest. Where several markers may own it, it
   /// depends on their poses which one hides which: queued events that may change one of these poses are flushed first.
-  template <std::invocable<const PoseEstimate&> Use>
-  void enqueue(const Event& event, const Use& use) {
+  /// @param number of the event; `use(pose, number)` is called with that of the event that led to the pose
+  template <std::invocable<const PoseEstimate&, std::size_t> Use>
+  void enqueue(const Event& event, std::size_t number, const Use& use) {
     if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]
-      return enqueue_where_shared(event, use);
-    tiles_.for_each_at(event, [&](std::size_t i) { enqueue_for(i, event, use); });
+      return enqueue_where_shared(event, number, use);
+    tiles_.for_each_at(event, [&](std::size_t i) { enqueue_for(i, event, number, use); });
   }
 
   /// Gives the markers their queued events, one marker after the other.
-  template <std::invocable<const PoseEstimate&> Use>
+  template <std::invocable<const PoseEstimate&, std::size_t> Use>
   void flush(const Use& use) {
     for (std::size_t i = 0; i < markers_.size(); ++i) flush(i, use);
   }
 
   /// Flushes only those markers whose pose or state the queued events may change.
-  template <std::invocable<const PoseEstimate&> Use>
+  template <std::invocable<const PoseEstimate&, std::size_t> Use>
   void flush_if_pose_may_change(const Use& use) {
     for (std::size_t i = 0; i < markers_.size(); ++i) flush_if_pose_may_change(i, use);
   }
@@ -79,6 +81,11 @@ class ConfirmedMarkers {
     for (PlanarHypotheses<Rule>& marker : markers_)
       if (const PoseEstimate* const lost = marker.skip(missing)) use(*lost);
     update_all_tiles();
+  }
+
+  /// See PlanarHypotheses::free_memory.
+  void free_memory() noexcept {
+    for (PlanarHypotheses<Rule>& marker : markers_) marker.free_memory();
   }
 
   /// Removes the markers that were lost: `use(marker)` may move them away.
@@ -110,37 +117,44 @@ class ConfirmedMarkers {
   // The queued events of one marker. Small, so that those of many markers fit the first level cache.
   class Inbox {
    public:
-    void push(const Event& event) noexcept { events_[count_++] = event; }
+    void push(const Event& event, std::size_t number) noexcept {
+      numbers_[count_] = static_cast<std::uint32_t>(number);
+      events_[count_++] = event;
+    }
     void clear() noexcept { count_ = 0; }
     bool full() const noexcept { return count_ == events_.size(); }
     std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
+    std::size_t number(const Event& event) const noexcept {
+      return numbers_[static_cast<std::size_t>(&event - events_.data())];
+    }
 
    private:
     std::array<Event, EventGroup::kMost> events_{};
+    std::array<std::uint32_t, EventGroup::kMost> numbers_{};
     std::size_t count_ = 0;
   };
 
   template <typename Use>
   [[gnu::noinline]] void flush(std::size_t i, const Use& use) {
     bool moved = false;
-    markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose) {
+    markers_[i].push(inboxes_[i].events(), [&](const PoseEstimate& pose, const Event& event) {
       moved = true;
-      use(pose);
+      use(pose, inboxes_[i].number(event));
     });
     if (moved) update_tiles(i);
     inboxes_[i].clear();
   }
 
   template <typename Use>
-  [[gnu::always_inline]] void enqueue_for(std::size_t i, const Event& event, const Use& use) {
-    inboxes_[i].push(event);
+  [[gnu::always_inline]] void enqueue_for(std::size_t i, const Event& event, std::size_t number, const Use& use) {
+    inboxes_[i].push(event, number);
     if (inboxes_[i].full()) [[unlikely]]
       flush(i, use);
   }
   template <typename Use>
-  [[gnu::noinline]] void enqueue_where_shared(const Event& event, const Use& use) {
+  [[gnu::noinline]] void enqueue_where_shared(const Event& event, std::size_t number, const Use& use) {
     tiles_.for_each_at(event, [&](std::size_t i) { flush_if_pose_may_change(i, use); });
-    for_each_visible_at(event, [&](std::size_t i) { enqueue_for(i, event, use); });
+    for_each_visible_at(event, [&](std::size_t i) { enqueue_for(i, event, number, use); });
   }
 
   template <typename Use>

@@ -68,6 +68,8 @@ class EdgeFollower {
         polarity_check_px_per_s_(settings.polarity_check_px_per_s),
         contradicted_(matcher_.model().segments.size(), 0.0f) {
     validate(settings);
+    if (!is_finite(T_camera_marker) || !is_rotation(T_camera_marker.linear()))
+      throw std::invalid_argument("T_camera_marker is no rotation and translation");
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     for (const MarkerSegment& segment : matcher_.model().segments)
@@ -186,7 +188,7 @@ class EdgeFollower {
   const UpdateStatistics& last_update() const noexcept { return last_update_; }
   /// False once the marker is not wholly in front of the camera: nothing will match any more.
   bool in_front() const noexcept { return in_front_; }
-  /// Updates that the rule could not do because they were singular.
+  /// Updates whose events the rule could not use, see PoseUpdateRule.
   int skipped_updates() const noexcept { return skipped_updates_; }
 
  private:
@@ -333,16 +335,14 @@ class EdgeFollower {
     if constexpr (NoiseAwareRule<Rule>)
       if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.set_signal_weight(background_.signal());
     start_collecting();
-    if (!rule_.update(T_camera_marker_, t)) {
-      ++skipped_updates_;
-      return false;
-    }
+    const bool updated = rule_.update(T_camera_marker_, t);
+    skipped_updates_ += !updated;
     const unsigned choices = matcher_.edge_choices();
     in_front_ = choice_lifetime_.count_update() ? matcher_.project(T_camera_marker_)
                                                 : matcher_.move(T_camera_marker_, kChoiceHolds_px);
     if (matcher_.edge_choices() != choices) adapt_to_distance();
     refresh_twist();
-    return true;
+    return updated;
   }
 
   void start_collecting() noexcept {

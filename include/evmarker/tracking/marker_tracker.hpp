@@ -34,16 +34,19 @@ class MarkerTracker {
 
   /// @param camera anything that an UndistortionTable can be made of, or a table to share
   /// @param T_camera_marker first pose [m]
-  /// @throws std::invalid_argument naming the setting, the model's fault, or a pose behind the camera
+  /// @param t its time, which is that of the estimate until an event comes [us]
+  /// @throws std::invalid_argument naming the setting, the model's fault, or a pose that is no rigid motion or behind
+  /// the camera
   template <typename Camera>
   MarkerTracker(const Camera& camera, MarkerModel model, const Eigen::Isometry3d& T_camera_marker,
-                const Settings& settings = {}, MarkerId id = 0)
+                const Settings& settings = {}, MarkerId id = 0, Timestamp t = 0)
       : settings_(settings),
         lines_of_sight_(camera),
         follower_(std::move(model), lines_of_sight_.focal_length(), T_camera_marker, follower_settings(settings)),
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
-        centre_(centre(follower_.matcher().model())) {
+        centre_(centre(follower_.matcher().model())),
+        t_(t) {
     validate(settings);
     pose_.id = id;
     if (settings.start_search) {
@@ -75,7 +78,7 @@ class MarkerTracker {
       while (!block.empty()) {
         const std::size_t count = guard_.passing(block.first(std::min(block.size(), kCheckedTogether)));
         if (count > 0) {
-          push_checked(block.first(count), use);
+          push_checked(block.first(count), [&](const PoseEstimate& pose, const Event&) { use(pose); });
           guard_.passed(block[count - 1].t);
         } else {
           push_suspect(block.front(), use);
@@ -85,17 +88,18 @@ class MarkerTracker {
     });
   }
 
-  /// As `push`, for events that the caller's own TimeGuard has passed.
-  template <std::invocable<const PoseEstimate&> Use>
+  /// As `push`, for events that the caller's own TimeGuard has passed. Calls `use(pose, event)`, the event of the span
+  /// that led to the pose.
+  template <std::invocable<const PoseEstimate&, const Event&> Use>
   void push_checked(std::span<const Event> events,
-                    const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+                    const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>(), Event()))) {
     while (!events.empty() && state_ != TrackingState::lost) {
       const bool single = events.size() == 1 || starting_ || !follower_.accepts_groups();
       std::size_t taken = 1;
       if (!single)
         taken = push_group(events, use);
       else if (const PoseEstimate* const pose = push_one(events.front()))
-        use(*pose);
+        use(*pose, events.front());
       events = events.subspan(taken);
     }
   }
@@ -108,10 +112,10 @@ class MarkerTracker {
   /// Events that were discarded because the events before and after contradict their times.
   std::uint64_t time_faults() const noexcept { return guard_.faults(); }
 
-  /// Goes on after a gap in which a queue or a camera dropped events. Gaps up to kHarmlessGap are ignored. Longer ones
-  /// are bridged if the rule estimates the motion and still predicts all vertices to within the matching distance; else
-  /// the marker is lost. A start search begins again; a gap while the events since a found start are replayed loses the
-  /// marker.
+  /// Goes on after a gap in which a queue or a camera dropped events. Gaps up to kHarmlessGap are ignored, and so are
+  /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
+  /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
+  /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
   /// @param missing length of the gap; it is added to the time of the last event on or near the marker, as having no
   /// events from then to the gap meant no motion
   /// @return null, or the last pose if the marker is lost
@@ -121,8 +125,9 @@ class MarkerTracker {
       start_search_->forget();
       return nullptr;
     }
+    if (!started_) return nullptr;
     if constexpr (MotionEstimatingRule<Rule>) {
-      const Timestamp t = t_ + missing.count();
+      const Timestamp t = later(t_, missing);
       if (!starting_ && edges_within_matching_distance(pose_at(t))) {
         follower_.extrapolate(t);
         verification_.restart(follower_);
@@ -226,7 +231,7 @@ class MarkerTracker {
                         polarity(events[i]));
     });
     const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
-      if (const PoseEstimate* const pose = after_event(events[i], result)) use(*pose);
+      if (const PoseEstimate* const pose = after_event(events[i], result)) use(*pose, events[i]);
       return state_ != TrackingState::lost;
     };
     std::size_t taken = 0;
@@ -242,6 +247,7 @@ class MarkerTracker {
     const auto [match, updated, segment] = result;
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
+    started_ = true;
     health_.add(match, segment);
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
       take_verification_result(*error);
@@ -390,7 +396,8 @@ class MarkerTracker {
   PoseEstimate pose_;                            // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since the time of the pose found
-  Timestamp t_ = 0;
+  Timestamp t_;            // of the last event on or near the marker, or of its start
+  bool started_ = false;   // there has been such an event
   std::int64_t matched_ = 0;
   bool ambiguous_ = false;                      // another pose may be the right one
   bool settled_ = false;                        // the start has been refined: what follows is evidence

@@ -23,31 +23,30 @@ class PlanarHypotheses {
   /// @throws std::invalid_argument like MarkerTracker
   PlanarHypotheses(const UndistortionTable& lines_of_sight, const MarkerModel& model, const MarkerDetection& detection,
                    const MarkerTrackerSettings<Rule>& settings)
-      : tracker_(lines_of_sight, model, detection.T_camera_marker, settings, detection.id) {
+      : tracker_(lines_of_sight, model, detection.T_camera_marker, settings, detection.id, detection.t) {
     if (!detection.T_camera_marker_alternative) return;
-    rival_.emplace(lines_of_sight, model, *detection.T_camera_marker_alternative, settings, detection.id);
-    tracker_.set_ambiguous(true);
-    rival_->set_ambiguous(true);
+    rival_.emplace(lines_of_sight, model, *detection.T_camera_marker_alternative, settings, detection.id, detection.t);
+    set_ambiguous(true);
   }
 
   /// Takes events whose times have been judged, see MarkerTracker::push_checked.
-  template <std::invocable<const PoseEstimate&> Use>
+  template <std::invocable<const PoseEstimate&, const Event&> Use>
   void push(std::span<const Event> events, const Use& use) {
-    for (; rival_ && !events.empty(); events = events.subspan(1))
-      if (const PoseEstimate* const pose = push_to_both(events.front())) use(*pose);
+    for (; ambiguous_ && !events.empty(); events = events.subspan(1))
+      if (const PoseEstimate* const pose = push_to_both(events.front())) use(*pose, events.front());
     tracker_.push_checked(events, use);
   }
   /// The same for one event; returns a pose that is valid until the next push, or null.
   const PoseEstimate* push(const Event& event) noexcept {
-    return rival_ ? push_to_both(event) : tracker_.push_checked(event);
+    return ambiguous_ ? push_to_both(event) : tracker_.push_checked(event);
   }
 
   /// See MarkerTracker::skip. The marker is lost if both poses are.
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
-    if (rival_) rival_->skip(missing);
+    if (ambiguous_) rival_->skip(missing);
     const PoseEstimate* const last = tracker_.skip(missing);
     // A loss is not reported if the other pose goes on. A lost rival is dropped with the next pose, see can_decide().
-    if (last && rival_ && keep_better()) return nullptr;
+    if (last && ambiguous_ && keep_better()) return nullptr;
     return last;
   }
 
@@ -56,11 +55,11 @@ class PlanarHypotheses {
   MarkerId id() const noexcept { return tracker_.id(); }
   /// See MarkerTracker::reach.
   Box reach(double border_cells = 0) const noexcept {
-    return rival_ ? Box::everywhere() : tracker_.reach(border_cells);
+    return ambiguous_ ? Box::everywhere() : tracker_.reach(border_cells);
   }
   /// See MarkerTracker::unchanged_by_next.
   bool unchanged_by_next(std::size_t events) const noexcept {
-    return events == 0 || (!rival_ && tracker_.unchanged_by_next(events));
+    return events == 0 || (!ambiguous_ && tracker_.unchanged_by_next(events));
   }
   /// True if its last event is more than `interval` before t, or more than 1 s after it, as when the camera was
   /// restarted.
@@ -72,7 +71,20 @@ class PlanarHypotheses {
   }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
+  /// Takes that its id was detected, and where. True if it was detected elsewhere so often in a row that the tracker
+  /// must be following something else.
+  bool contradicted_by_detections(bool elsewhere) noexcept {
+    detected_elsewhere_ = elsewhere ? detected_elsewhere_ + 1 : 0;
+    return detected_elsewhere_ >= kOftenElsewhere;
+  }
+  /// Frees the memory of the pose that was dropped, which `push` leaves.
+  void free_memory() noexcept {
+    if (!ambiguous_) rival_.reset();
+  }
+
  private:
+  // A false detection in the place of a marker that is not seen may come again in the next frame, but hardly so often.
+  static constexpr int kOftenElsewhere = 5;
   // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
   static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
   static constexpr double kBeyondChance = 4;  // standard deviations
@@ -104,14 +116,21 @@ class PlanarHypotheses {
   bool keep_better() noexcept {
     const bool rival_is_better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
     if (rival_is_better) std::swap(tracker_, *rival_);
-    rival_.reset();
-    tracker_.set_ambiguous(false);
+    set_ambiguous(false);
     return rival_is_better;
   }
 
+  void set_ambiguous(bool ambiguous) noexcept {
+    ambiguous_ = ambiguous;
+    tracker_.set_ambiguous(ambiguous);
+    rival_->set_ambiguous(ambiguous);
+  }
+
   MarkerTracker<Rule> tracker_;
-  std::optional<MarkerTracker<Rule>> rival_;
+  std::optional<MarkerTracker<Rule>> rival_;  // at the other pose; kept when it has been dropped, see free_memory
+  bool ambiguous_ = false;                    // the events have not decided yet
   PoseComparison comparison_;
+  int detected_elsewhere_ = 0;  // times in a row
 };
 
 }  // namespace evmarker

@@ -12,16 +12,18 @@
 namespace evmarker {
 
 /// The image in tiles, each with the set of markers whose events may lie in it. Markers are numbered from 0. Only the
-/// constructor and `resize` may throw or allocate.
+/// constructor may throw or allocate, and `resize` beyond its number of markers.
 class TileMap {
  public:
-  explicit TileMap(const UndistortionTable& lines_of_sight)
+  /// @param max_markers for which `resize` needs no memory
+  TileMap(const UndistortionTable& lines_of_sight, std::size_t max_markers)
       : columns_(tiles(lines_of_sight.sensor_size().width)), margin_(kMargin_px / lines_of_sight.focal_length()) {
     const SensorSize size = lines_of_sight.sensor_size();
     const auto rows = tiles(size.height);
     rows_.resize(rows);
     tiles_.resize(rows * columns_);
     marker_bits_.resize(rows * columns_);
+    areas_.reserve(max_markers);
     Event event;
     for (int y = 0; y < size.height; ++y)
       for (int x = 0; x < size.width; ++x) {

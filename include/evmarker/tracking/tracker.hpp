@@ -12,7 +12,8 @@
 namespace evmarker {
 
 /// Tracks every marker that the detector finds. Runs on one thread and is deterministic: the same events give the same
-/// poses, bit for bit, however they are batched. Between detections nothing throws or allocates.
+/// poses, bit for bit, however they are batched. Between detections nothing throws or allocates. What the detector
+/// throws leaves `push`; TrackerStatistics::events says how many events were taken before.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Tracker {
  public:
@@ -38,8 +39,8 @@ class Tracker {
     return poses_;
   }
 
-  /// Takes events and calls `use(pose)` with each pose that they lead to, in order of time, valid during the call. The
-  /// poses are the same as with single events, but take less time.
+  /// Takes events and calls `use(pose)` with each pose that they lead to, valid during the call. The poses are the same
+  /// as with single events, and in the same order, but take less time.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events, const Use& use) {
@@ -68,8 +69,18 @@ class Tracker {
   // Starts the detection or takes the result that is due at time t.
   template <typename Use>
   void run_detector(Timestamp t, const Use& use) {
-    if (core_.detection_due(t)) result_ = answer_request(detector_, core_.polarity_frame(), core_.request_detection(t));
+    if (core_.detection_due(t)) detect(core_.request_detection(t));
     if (core_.result_due(t)) core_.register_markers(result_, use);
+  }
+
+  // If the detector throws, there is no result, and the next detection comes when it is due.
+  void detect(const DetectionRequest& request) {
+    try {
+      result_ = answer_request(detector_, core_.polarity_frame(), request);
+    } catch (...) {
+      core_.cancel_detection();
+      throw;
+    }
   }
 
   TrackerCore<Rule, Filter> core_;

@@ -16,11 +16,11 @@
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/undistortion_table.hpp"
-#include "evmarker/tracking/by_time.hpp"
 #include "evmarker/tracking/confirmed_markers.hpp"
 #include "evmarker/tracking/detection_schedule.hpp"
 #include "evmarker/tracking/marker_range.hpp"
 #include "evmarker/tracking/planar_hypotheses.hpp"
+#include "evmarker/tracking/pose_outbox.hpp"
 #include "evmarker/tracking/tentative_markers.hpp"
 #include "evmarker/tracking/tracker_settings.hpp"
 
@@ -51,17 +51,17 @@ class TrackerCore {
         schedule_(settings),
         confirmed_(lines_of_sight_, settings.max_markers),
         tentative_(settings.max_markers),
-        by_time_(settings.max_markers + kBetweenChecks) {
+        // A pose for each of the at most kBetweenChecks events of `push_many`, and one for each marker that is lost or
+        // announced. It grows only if nearly every event updates several overlapping markers.
+        poses_(settings.max_markers + kBetweenChecks) {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
-    missing_.reserve(settings.max_markers);
-    // A pose for each of the at most kBetweenChecks events of `push_many`, and one for each marker that is lost or
-    // announced. It grows only if nearly every event updates several overlapping markers.
-    poses_.reserve(settings.max_markers + kBetweenChecks);
+    // From one request of a detection to the next, the markers that there were may be lost, and those of the result.
+    missing_.reserve(3 * settings.max_markers);
   }
 
   /// Takes some of the events, from the first on; to be called again with the others. Calls `use(pose)` with each pose
-  /// that they lead to, in order of time, valid during the call.
+  /// that they lead to, in the order of the events, valid during the call.
   /// @param stop is called with each event that has passed the noise filter; true: none is taken after it
   /// @return how many were taken. 0: an event that TimeGuard had held back was taken first
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
@@ -98,7 +98,7 @@ class TrackerCore {
     statistics_.time_faults = guard_.faults();
     followable_from_ = history_.pushed();
     tentative_.skip(missing, history_);
-    confirmed_.skip(missing, collector());
+    confirmed_.skip(missing, [this](const PoseEstimate& pose) { collect(pose); });
     move_lost_to_missing();
     search_often_ = searching();
     deliver(use);
@@ -134,6 +134,8 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void register_markers(const DetectionResult& result, const Use& use) {
     schedule_.end();
+    confirmed_.free_memory();
+    statistics_.unusable_poses += result.unusable_poses;
     // One that only the detector's `search` found stays missing: it may be wrong, so it is searched again until
     // `detect` finds it.
     std::erase_if(missing_, [&](const PlanarHypotheses<Rule>& marker) {
@@ -145,12 +147,12 @@ class TrackerCore {
     tentative_.remove_hopeless();
     // After a gap in the events since the frame, what it showed cannot be followed to the present, see skip_to.
     const bool followable = result.events_in_frame > followable_from_;
-    for (const auto& [detection, model] : result.markers) {
+    for (const DetectionResult::Marker& found : result.markers) {
       if (!followable) break;
-      drop_contradicted(detection);
-      if (has_tracker(detection.id)) continue;
+      drop_contradicted(found);
+      if (has_tracker(found.detection.id)) continue;
       if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
-      tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, model, detection, settings_.marker),
+      tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, found.model, found.detection, settings_.marker),
                       result.events_in_frame, history_});
     }
     announce_confirmed();  // those just added, if one detection is enough
@@ -192,7 +194,7 @@ class TrackerCore {
   void take(const Event& event, const Stop& stop) {
     const Intake intake = take_in(event);
     if (intake == Intake::off_sensor) return;
-    confirmed_.push(event, collector());
+    confirmed_.push(event, [this](const PoseEstimate& pose) { collect(pose); });
     if (!poses_.empty()) move_lost_to_missing();  // a loss comes with a pose
     if (!tentative_.empty()) [[unlikely]]
       catch_up(kCatchUp);
@@ -217,7 +219,7 @@ class TrackerCore {
         continue;
       const Intake intake = take_in(event);
       if (intake == Intake::off_sensor) continue;
-      confirmed_.enqueue(event, collector());
+      confirmed_.enqueue(event, taken, collector());
       if (intake == Intake::accepted) stopped = stop(event);
     }
     confirmed_.flush(collector());
@@ -279,8 +281,9 @@ class TrackerCore {
     announce_confirmed();
   }
 
-  void collect(const PoseEstimate& pose) {
-    poses_.push_back(pose);
+  // Puts a pose into the outbox: that of event `number` of a batch, see PoseOutbox.
+  void collect(const PoseEstimate& pose, std::size_t number = 0) {
+    poses_.add(pose, number);
     if (pose.quality.state == TrackingState::lost)
       ++statistics_.lost;
     else
@@ -288,19 +291,17 @@ class TrackerCore {
   }
 
   auto collector() noexcept {
-    return [this](const PoseEstimate& pose) { collect(pose); };
+    return [this](const PoseEstimate& pose, std::size_t number) { collect(pose, number); };
   }
 
   template <typename Use>
   void deliver(const Use& use) {
-    if (!poses_.empty()) by_time_.hand_over(poses_, use);
+    if (!poses_.empty()) poses_.hand_over(use);
   }
 
   // The detector may find lost markers again.
   void move_lost_to_missing() {
-    confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) {
-      if (missing_.size() < settings_.max_markers) missing_.push_back(std::move(marker));
-    });
+    confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) { missing_.push_back(std::move(marker)); });
   }
 
   // For a short time after its loss a marker is searched for where its motion must have taken it.
@@ -308,6 +309,8 @@ class TrackerCore {
     constexpr std::uint64_t kPredictable = 100000;  // [us]
     std::erase_if(missing_,
                   [&](const auto& marker) { return elapsed_us(marker.tracker().estimate().t, t) > kPredictable; });
+    if (missing_.size() > settings_.max_markers)  // the oldest
+      missing_.erase(missing_.begin(), missing_.end() - static_cast<std::ptrdiff_t>(settings_.max_markers));
   }
 
   // Announces the markers that were seen often enough and have caught up.
@@ -324,18 +327,21 @@ class TrackerCore {
   bool has_tracker(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
 
   // Drops the tracker of a marker that was detected elsewhere: a tentative one at once, as it must have followed
-  // something else; a confirmed one only if it had no events lately: with events it is still being followed.
-  void drop_contradicted(const MarkerDetection& detection) {
+  // something else; a confirmed one if it had no events lately, so that it may have been moved away unseen, or if it
+  // was detected elsewhere again and again.
+  void drop_contradicted(const DetectionResult::Marker& found) {
+    const MarkerDetection& detection = found.detection;
     const auto elsewhere = [&](const PlanarHypotheses<Rule>& marker) {
-      return !same_place(detection, marker.tracker().T_camera_marker(), lines_of_sight_.focal_length());
+      return !same_place(found, marker.tracker().T_camera_marker());
     };
     if (const PlanarHypotheses<Rule>* const tentative = tentative_.find(detection.id)) {
       if (elsewhere(*tentative)) tentative_.erase(detection.id);
       return;
     }
     PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
-    if (marker == nullptr || !marker->silent_for(settings_.detection_interval, detection.t) || !elsewhere(*marker))
-      return;
+    if (marker == nullptr) return;
+    const bool away = elsewhere(*marker), often = marker->contradicted_by_detections(away);
+    if (!often && !(away && marker->silent_for(settings_.detection_interval, detection.t))) return;
     collect(marker->tracker().lose(LossReason::replaced));
     confirmed_.erase(detection.id);
   }
@@ -350,8 +356,7 @@ class TrackerCore {
   ConfirmedMarkers<Rule> confirmed_;  // announced
   TentativeMarkers<Rule> tentative_;
   std::vector<PlanarHypotheses<Rule>> missing_;  // lost a short time ago
-  std::vector<PoseEstimate> poses_;
-  ByTime by_time_;
+  PoseOutbox poses_;
   bool search_often_ = true;  // `searching()` as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_from_ = 0;  // number in the history: after this event, none are missing

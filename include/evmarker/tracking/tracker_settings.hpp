@@ -51,6 +51,7 @@ struct TrackerStatistics {
   std::uint64_t matched = 0;          ///< used in pose updates, all markers together
   std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; used all the same
   std::uint64_t detections = 0;       ///< polarity frames given to the detector
+  std::uint64_t unusable_poses = 0;   ///< of the detector: no rigid motion, or not in front of the camera
   std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
   std::uint64_t replayed = 0;         ///< events replayed into the trackers of newly detected markers
   std::uint64_t replays_cut = 0;      ///< replays that lacked events, as there were more than `history_events`

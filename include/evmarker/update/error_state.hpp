@@ -56,6 +56,12 @@ struct ErrorCovariance {
     }
     for (Vector12d& column : xb) moved(column.data()).store(column.data());
   }
+
+  /// Makes xx symmetric, from which rounding takes it.
+  void symmetrize() noexcept {
+    for (int i = 0; i < 12; ++i)
+      for (int k = 0; k < i; ++k) xx(i, k) = xx(k, i) = (xx(i, k) + xx(k, i)) / 2;
+  }
 };
 
 }  // namespace evmarker

@@ -120,13 +120,14 @@ class KalmanUpdate {
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
     if (lead_s != 0) step = step + motion(lead_s).pose_by_velocity * twist;
     const Vec2 biases{error.b[kOffset], error.b[kTrail]};
-    if (!good || !std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
+    if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
     perturb(T_camera_marker, step);
+    if (steps_ % kStepsToMend == 0) P_.symmetrize();
     twist_ = twist;
     lead_s_ = lead_s;
     correct_biases(error);
-    return true;
+    return good;
   }
 
   /// @param weight of the events' information: 1 if at least half of them are surely of moving edges, 0 at rest
@@ -203,6 +204,7 @@ class KalmanUpdate {
         double& element = P.data()[6 * k + i];
         element = settings_.covariance_scale * element + twist[k] * delayed[i];
       }
+    P = (0.5 * (P + P.transpose())).eval();  // symmetric to the last bit
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
@@ -287,10 +289,12 @@ class KalmanUpdate {
     scales_known_ = true;
   }
 
-  // Rounding takes a rotation off SO(3) by 1e-16 a step: to mend that at every step took longer than the step.
+  // Rounding takes a rotation off SO(3), and the covariance off symmetry, by 1e-16 a step: to mend that at every step
+  // took longer than the step.
+  static constexpr unsigned kStepsToMend = 16;
   void perturb(Eigen::Isometry3d& T, const Vec6& step) noexcept {
     set_translation(T, translation(T) + step.t);
-    if (++steps_ % 16 == 0) orthonormalize(T);
+    if (++steps_ % kStepsToMend == 0) orthonormalize(T);
     turn(T, step.r);
   }
 

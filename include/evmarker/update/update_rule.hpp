@@ -24,7 +24,8 @@ concept PoseUpdateRule = std::copyable<R> &&
   { rule.set_events_per_update(events_per_update) } noexcept;
   /// Adds one matched event; the pose is the one at which it was matched.
   { rule.add(correspondence, T_camera_marker) } noexcept;
-  /// Moves the pose to the time of the last event. False, with the pose as it was, for a skipped (singular) step.
+  /// Moves the pose to the time of the last event. False if the events cannot be used (singular): then the pose is as it
+  /// was or, by a rule with a motion model, only predicted.
   { rule.update(T_camera_marker, t) } noexcept -> std::same_as<bool>;
   /// Forgets what was collected and prepares for past events, newest first. The caller mirrors their times, so that t
   /// still increases.
