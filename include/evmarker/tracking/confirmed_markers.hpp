@@ -55,7 +55,7 @@ class ConfirmedMarkers {
 
   /// Queues the event; its markers get it at the next `flush` at the latest. Where several markers may own it, it
   /// depends on their poses which one hides which: queued events that may change one of these poses are flushed first.
-  /// @param number of the event; `use(pose, number)` is called with that of the event that led to the pose
+  /// @param number of the event, below 65536; `use(pose, number)` is called with that of the event that led to the pose
   template <std::invocable<const PoseEstimate&, std::size_t> Use>
   void enqueue(const Event& event, std::size_t number, const Use& use) {
     if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]
@@ -118,7 +118,7 @@ class ConfirmedMarkers {
   class Inbox {
    public:
     void push(const Event& event, std::size_t number) noexcept {
-      numbers_[count_] = static_cast<std::uint32_t>(number);
+      numbers_[count_] = static_cast<std::uint16_t>(number);
       events_[count_++] = event;
     }
     void clear() noexcept { count_ = 0; }
@@ -130,7 +130,7 @@ class ConfirmedMarkers {
 
    private:
     std::array<Event, EventGroup::kMost> events_{};
-    std::array<std::uint32_t, EventGroup::kMost> numbers_{};
+    std::array<std::uint16_t, EventGroup::kMost> numbers_{};
     std::size_t count_ = 0;
   };
 

@@ -204,7 +204,8 @@ class KalmanUpdate {
         double& element = P.data()[6 * k + i];
         element = settings_.covariance_scale * element + twist[k] * delayed[i];
       }
-    P = (0.5 * (P + P.transpose())).eval();  // symmetric to the last bit
+    for (int k = 1; k < 6; ++k)  // symmetric to the last bit
+      for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
