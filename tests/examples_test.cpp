@@ -857,7 +857,7 @@ TEST_CASE("examples: the columns and the unit of time of text can be given") {
     CHECK(contains(result.out, std::string("for ") + seconds + " s of recording"));
   }
   if (kPrograms.at("replay").empty()) return;  // built without the component live
-  const Result bad = run(folder, "replay a.csv --columns t,x,y,p" + kOptions);
+  const Result bad = run(folder, "replay a.csv --columns t,x,y,p --time-unit us" + kOptions);
   CHECK(contains(bad.err, "a.csv: line 2: p is '10'"));
 }
 

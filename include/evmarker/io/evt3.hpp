@@ -41,8 +41,10 @@ class Evt3Decoder {
 
   /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
   /// to `triggers`.
+  /// @param following the bytes behind `bytes`, as far as they are known: they show whether a time word is garbled
   /// @return number of events
-  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers) {
+  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers,
+                     std::span<const std::byte> following = {}) {
     const std::byte* at = bytes.data();
     const std::byte* const end = at + bytes.size() / kWordBytes * kWordBytes;
     if (!time_known_) at = skip_to_first_time(at, end);
@@ -53,8 +55,10 @@ class Evt3Decoder {
       const std::uint32_t word = load_word<std::uint16_t>(at);
       if (is_row_column_or_time_low(word)) [[likely]]
         out = decode_row_column_or_time_low(word, state, out);
-      else
+      else if (type_of(word) != Evt3Word::time_high)
         out = decode_other(word, state, out, triggers);
+      else
+        decode_time_high(payload_of(word), {at + kWordBytes, end}, following, state);
     }
     state_ = state;
 
@@ -65,14 +69,20 @@ class Evt3Decoder {
     return events.size();
   }
 
-  const RecordingStatistics& statistics() const noexcept { return statistics_; }
+  RecordingStatistics statistics() const noexcept {
+    RecordingStatistics statistics = statistics_;
+    statistics.garbled_times += time_high_decoder_.undone();
+    return statistics;
+  }
 
  private:
+  static constexpr std::uint32_t kOffEverySensor = 1U << 12U;
+
   // What the words so far have set.
   struct State {
     std::uint32_t y = 0;
-    std::uint32_t row_width = 0;         // columns of row y that are on the sensor; none before the first row
-    std::uint32_t vector_x = 1U << 12U;  // first column of the next vector; off every sensor before VECT_BASE_X
+    std::uint32_t row_width = 0;               // columns of row y that are on the sensor; none before the first row
+    std::uint32_t vector_x = kOffEverySensor;  // first column of the next vector; on none before VECT_BASE_X
     std::int16_t vector_p = 0;
     std::uint32_t time_high = ~0U;  // the last TIME_HIGH; until the first, a value that none has
     Timestamp t = 0;
@@ -124,11 +134,6 @@ class Evt3Decoder {
         break;
       case Evt3Word::vect_12: return decode_vector(payload, 12, state, out);
       case Evt3Word::vect_8: return decode_vector(payload & 0xFFU, 8, state, out);
-      case Evt3Word::time_high:
-        if (payload == state.time_high) break;  // repeated: the low part stays
-        state.time_high = payload;
-        state.t = time_high_decoder_.unwrap(payload) * 4096;
-        break;
       case Evt3Word::trigger:
         ++statistics_.triggers;
         triggers.push_back({static_cast<int>(payload >> 8U & 0xFU), (payload & 1U) != 0, state.t});
@@ -141,6 +146,30 @@ class Evt3Decoder {
     return out;
   }
 
+  void decode_time_high(std::uint32_t high, std::span<const std::byte> rest, std::span<const std::byte> following,
+                        State& state) {
+    const auto find_next = [&] {
+      const auto next = find_time_high(rest);
+      return next ? next : find_time_high(following);
+    };
+    if (time_high_decoder_.is_garbled(high, find_next)) [[unlikely]] {
+      ++statistics_.garbled_times;
+      return;
+    }
+    const Timestamp t = time_high_decoder_.unwrap(high) * 4096;
+    if (high == state.time_high) return;  // repeated: the low part stays
+    state.time_high = high;
+    state.t = t;
+  }
+
+  static std::optional<std::uint32_t> find_time_high(std::span<const std::byte> bytes) noexcept {
+    for (; bytes.size() >= kWordBytes; bytes = bytes.subspan(kWordBytes)) {
+      const std::uint32_t word = load_word<std::uint16_t>(bytes.data());
+      if (type_of(word) == Evt3Word::time_high) return payload_of(word);
+    }
+    return std::nullopt;
+  }
+
   // Bit i of `mask` is set where column vector_x + i has an event.
   static Event* decode_vector(std::uint32_t mask, std::uint32_t length, State& state, Event* out) noexcept {
     const std::uint32_t x = state.vector_x;
@@ -148,6 +177,7 @@ class Evt3Decoder {
       const std::uint32_t visible = x < state.row_width ? mask & ((1U << (state.row_width - x)) - 1U) : 0;
       state.off_sensor += count_bits(mask ^ visible);
       mask = visible;
+      state.vector_x = std::min(x, kOffEverySensor);  // or a run of vectors would wrap it around
     }
     for (; mask != 0; mask &= mask - 1)
       *out++ = make_event(x + static_cast<std::uint32_t>(std::countr_zero(mask)), state.y, state.vector_p, state.t);
@@ -179,7 +209,7 @@ class Evt3Decoder {
 
   SensorSize size_;
   State state_;
-  TimeHighDecoder<12> time_high_decoder_;
+  TimeHighDecoder<12, 12> time_high_decoder_;
   bool time_known_ = false;
   Timestamp last_ = 0;  // of the last event
   RecordingStatistics statistics_;
