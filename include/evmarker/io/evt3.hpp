@@ -49,16 +49,12 @@ class Evt3Decoder {
     const std::byte* const end = at + bytes.size() / kWordBytes * kWordBytes;
     if (!time_known_) at = skip_to_first_time(at, end);
 
-    State state = state_;  // a local copy: the compiler cannot keep members in registers across the stores of events
+    State state = state_;
     Event* out = buffer.data();
-    for (; at != end; at += kWordBytes) {
+    while ((at = decode_frequent_words(at, end, state, out)) != end) {
       const std::uint32_t word = load_word<std::uint16_t>(at);
-      if (is_row_column_or_time_low(word)) [[likely]]
-        out = decode_row_column_or_time_low(word, state, out);
-      else if (type_of(word) != Evt3Word::time_high)
-        out = decode_other(word, state, out, triggers);
-      else
-        decode_time_high(payload_of(word), {at + kWordBytes, end}, following, state);
+      at += kWordBytes;
+      out = decode_other(word, {at, end}, following, state, out, triggers);
     }
     state_ = state;
 
@@ -110,6 +106,22 @@ class Evt3Decoder {
     return (type == Evt3Word::addr_y) | (type == Evt3Word::addr_x) | (type == Evt3Word::time_low);
   }
 
+  // Decodes rows, columns and low times up to a word of another type, and returns where that is.
+  const std::byte* decode_frequent_words(const std::byte* at, const std::byte* end, State& state,
+                                         Event*& events) const noexcept {
+    State local = state;  // the compiler cannot keep what has an address in registers across the stores of events
+    Event* out = events;
+    for (; at != end; at += kWordBytes) {
+      const std::uint32_t word = load_word<std::uint16_t>(at);
+      if (!is_row_column_or_time_low(word)) [[unlikely]]
+        break;
+      out = decode_row_column_or_time_low(word, local, out);
+    }
+    state = local;
+    events = out;
+    return at;
+  }
+
   // The three most frequent words, without branches: which of them comes next cannot be predicted.
   Event* decode_row_column_or_time_low(std::uint32_t word, State& state, Event* out) const noexcept {
     const auto width = static_cast<std::uint32_t>(size_.width), height = static_cast<std::uint32_t>(size_.height);
@@ -125,7 +137,8 @@ class Evt3Decoder {
     return out + (visible ? 1 : 0);
   }
 
-  Event* decode_other(std::uint32_t word, State& state, Event* out, std::vector<TriggerEvent>& triggers) {
+  Event* decode_other(std::uint32_t word, std::span<const std::byte> rest, std::span<const std::byte> following,
+                      State& state, Event* out, std::vector<TriggerEvent>& triggers) {
     const std::uint32_t payload = payload_of(word);
     switch (type_of(word)) {
       case Evt3Word::vect_base_x:
@@ -134,6 +147,14 @@ class Evt3Decoder {
         break;
       case Evt3Word::vect_12: return decode_vector(payload, 12, state, out);
       case Evt3Word::vect_8: return decode_vector(payload & 0xFFU, 8, state, out);
+      case Evt3Word::time_high:
+        if (payload == state.time_high) {  // the low part stays
+          time_high_decoder_.confirm();
+        } else if (const auto t = time_at(payload, rest, following)) {
+          state.time_high = payload;
+          state.t = *t;
+        }
+        break;
       case Evt3Word::trigger:
         ++statistics_.triggers;
         triggers.push_back({static_cast<int>(payload >> 8U & 0xFU), (payload & 1U) != 0, state.t});
@@ -146,20 +167,16 @@ class Evt3Decoder {
     return out;
   }
 
-  void decode_time_high(std::uint32_t high, std::span<const std::byte> rest, std::span<const std::byte> following,
-                        State& state) {
+  // Time at a TIME_HIGH; nothing where it is garbled.
+  std::optional<Timestamp> time_at(std::uint32_t high, std::span<const std::byte> rest,
+                                   std::span<const std::byte> following) noexcept {
     const auto find_next = [&] {
       const auto next = find_time_high(rest);
       return next ? next : find_time_high(following);
     };
-    if (time_high_decoder_.is_garbled(high, find_next)) [[unlikely]] {
-      ++statistics_.garbled_times;
-      return;
-    }
-    const Timestamp t = time_high_decoder_.unwrap(high) * 4096;
-    if (high == state.time_high) return;  // repeated: the low part stays
-    state.time_high = high;
-    state.t = t;
+    if (!time_high_decoder_.is_garbled(high, find_next)) return time_high_decoder_.unwrap(high) * 4096;
+    ++statistics_.garbled_times;
+    return std::nullopt;
   }
 
   static std::optional<std::uint32_t> find_time_high(std::span<const std::byte> bytes) noexcept {

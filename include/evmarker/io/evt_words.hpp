@@ -55,6 +55,9 @@ class TimeHighDecoder {
     return next && contradicts(last_, high, *next);
   }
 
+  /// The last time word is repeated.
+  void confirm() noexcept { jumped_ = false; }
+
   /// Count at the time word `high`. A step back by half the counter's range or more is a wrap, a smaller one is a step
   /// back in time. A jump to the last time word is undone if `high` shows that it was garbled.
   std::int64_t unwrap(std::uint32_t high) noexcept {
