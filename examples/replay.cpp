@@ -23,6 +23,7 @@
 #include "console.hpp"
 #include "live_options.hpp"
 #include "recording_checks.hpp"
+#include "text_options.hpp"
 
 using namespace evmarker;
 
@@ -34,9 +35,11 @@ struct ReplayOptions : LiveOptions {
   bool find_first = false;
   int tick_us = 0;
   std::string triggers, delays;
+  TextOptions text;
 
   void add_to(CLI::App& app) {
     LiveOptions::add_to(app);
+    text.add_to(app);
     app.add_option("--speed", speed, "how many times as fast as it was recorded")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -237,7 +240,8 @@ template <PoseUpdateRule Rule>
 void replay(const ReplayOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   auto detector = options.detector(camera);
-  io::EventReader recording(options.recording, {.sensor_size = camera.sensor_size()});
+  io::EventReader recording(options.recording,
+                            {.sensor_size = camera.sensor_size(), .text_layout = options.text.layout()});
   recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
   Outputs outputs(options, columns);
   live::Pipeline pipeline(

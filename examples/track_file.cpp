@@ -15,6 +15,7 @@
 #include "console.hpp"
 #include "followed_body.hpp"
 #include "recording_checks.hpp"
+#include "text_options.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
 #include "viewer.hpp"
@@ -27,9 +28,11 @@ struct TrackFileOptions : TrackOptions {
   std::string truth, wireframe;
   std::vector<double> start;
   ViewerOptions view;
+  TextOptions text;
 
   void add_to(CLI::App& app) {
     TrackOptions::add_to(app);
+    text.add_to(app);
     auto* const body = app.add_option("--wireframe", wireframe, "body of straight edges to track alone, a YAML file");
     app.add_option("--start", start, "where the body is at first: tx,ty,tz,qx,qy,qz,qw, in place of the file's `start`")
         ->delimiter(',')
@@ -59,7 +62,7 @@ class Run {
   Run(const TrackFileOptions& options, const PinholeCamera& camera, io::PoseColumns columns)
       : options_(options),
         viewer_(camera, options.view),  // before there are other threads
-        recording_(options.recording, {.sensor_size = camera.sensor_size()}) {
+        recording_(options.recording, {.sensor_size = camera.sensor_size(), .text_layout = options.text.layout()}) {
     recording_checks::require_size(recording_.sensor_size(), options.recording, camera.sensor_size(), options.camera);
     if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
     output_ = options.open_output(columns);

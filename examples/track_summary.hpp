@@ -74,6 +74,7 @@ class TrackSummary {
     tell(s.off_sensor, "events off the sensor, dropped");
     tell(s.dropped_before_time, "events before the first time stamp, dropped");
     tell(s.unknown_words, "unknown words, skipped");
+    tell(s.garbled_times, "time words that the next ones contradict, not followed");
     tell(s.truncated_bytes, "bytes at the end that are no whole event: the file was cut");
   }
 

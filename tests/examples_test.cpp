@@ -173,11 +173,11 @@ std::string random_bytes(std::size_t count) {
 }
 
 /// Lines of a plausible text recording; those from `off` on lie at x = 640.
-std::string text_events(int count, int off) {
+std::string text_events(int count, int off, int every_us = 10) {
   std::string text;
   for (int i = 0; i < count; ++i)
     text += std::to_string(i < off ? 100 + i % 300 : 640) + "," + std::to_string(i % 40) + ",1," +
-            std::to_string(10 * i) + "\n";
+            std::to_string(every_us * i) + "\n";
   return text;
 }
 
@@ -659,6 +659,15 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track_this("off.csv"), {"off.csv", "100 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 0)},
       {track_this("off.csv"), {"off.csv", "50 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 50)},
       {track_this("bad.csv"), {"bad.csv", "line 101", "p is 'x'"}, "bad.csv", text_events(100, 100) + "1,2,x,3\n"},
+      {track_this("tie.csv"),
+       {"tie.csv", "unit of its times", "--time-unit s|ms|us|ns"},
+       "tie.csv",
+       text_events(100, 100, 300)},
+      {track_this("tie.csv"), {"tie.csv", "'txyp' or 'xytp'", "--columns t,x,y,p"}, "tie.csv", "1,2,3,1\n4,5,6,0\n"},
+      {track_this("wide.csv"), {"wide.csv", "line 1", "70000,480"}, "wide.csv", "%geometry:70000,480\n1,2,1,3\n"},
+      {track_this("far.csv"), {"far.csv", "line 2", "x is '65541'"}, "far.csv", "1,2,1,3\n65541,2,1,4\n"},
+      {track_this("a.csv") + " --time-unit days", {"--time-unit", "days"}, "a.csv", text_events(100, 100)},
+      {track_this("a.csv") + " --columns x,y,t", {"columns is 'x,y,t'"}, "a.csv", text_events(100, 100)},
       {track + " --ids 50", {"marker id 50", "DICT_4X4_50", "0 to 49"}},
       {track + " --ids=-1", {"-1", "0 to 49"}},
       {track + " --ids seven", {"--ids", "seven"}},
@@ -825,6 +834,31 @@ TEST_CASE("examples: text without geometry takes the camera's size, few events o
   CHECK_MESSAGE(few.code == 0, few.err);
   CHECK(contains(few.out, "998 read"));
   CHECK(contains(few.out, "2 events off the sensor"));
+}
+
+TEST_CASE("examples: the columns and the unit of time of text can be given") {
+  const TemporaryFolder folder;
+  write_file(folder / "camera.yml", simulated_file("camera.yml"));
+  write_file(folder / "a.csv", text_events(1000, 1000));
+  std::string turned;  // t, x, y, p
+  for (const std::string& line : split(text_events(1000, 1000), '\n'))
+    if (const auto cut = line.rfind(','); cut != std::string::npos)
+      turned += line.substr(cut + 1) + "," + line.substr(0, cut) + "\n";
+  write_file(folder / "turned.csv", turned);
+  for (const auto& [options, seconds] : {std::pair("a.csv", "0.01"),
+                                         {"a.csv --time-unit us", "0.01"},
+                                         {"a.csv --time-unit ms", "9.99"},
+                                         {"a.csv --time-unit s --columns x,y,p,t", "9990.00"},
+                                         {"turned.csv --columns t,x,y,p", "0.01"}}) {
+    const Result result = run(folder, std::string("track_file ") + options + kOptions);
+    CAPTURE(options);
+    CHECK_MESSAGE(result.code == 0, result.err);
+    CHECK(contains(result.out, "1000 read"));
+    CHECK(contains(result.out, std::string("for ") + seconds + " s of recording"));
+  }
+  if (kPrograms.at("replay").empty()) return;  // built without the component live
+  const Result bad = run(folder, "replay a.csv --columns t,x,y,p --time-unit us" + kOptions);
+  CHECK(contains(bad.err, "a.csv: line 2: p is '10'"));
 }
 
 TEST_CASE("examples: a progress bar on a terminal, none if told to be quiet") {

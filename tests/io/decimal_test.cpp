@@ -31,3 +31,13 @@ TEST_CASE("parse_decimal: nothing for text that is not a number, or too large a 
   CHECK(!parse_decimal("9223372036854.775808", 6));
   CHECK(parse_decimal("9223372036854.775807", 6) == std::numeric_limits<std::int64_t>::max());
 }
+
+TEST_CASE("parse_whole: whole numbers, however they are written, and nothing else") {
+  CHECK(parse_whole("12") == 12);
+  CHECK(parse_whole("-1.0") == -1);
+  CHECK(parse_whole("9.600000000000000000e+01") == 96);
+  CHECK(parse_whole("0.000000000000000000e+00") == 0);
+  CHECK(parse_whole("1.5e1") == 15);
+  for (const char* text : {"", "6.5", "1.55e1", "1e-1", "one", "99999999999999999999"})
+    CHECK_MESSAGE(!parse_whole(text), text);
+}

@@ -54,6 +54,33 @@ TEST_CASE("EVT2: the clock wraps after 2^34 us, a small step back is not a wrap"
   CHECK(statistics.time_steps_back == 2);
 }
 
+TEST_CASE("EVT2 and EVT2.1: a garbled TIME_HIGH that the next contradicts is not followed, a lasting jump is") {
+  const unsigned range = 1U << 28U;
+  for (const unsigned last : {5U, range / 2, range - 1})
+    for (const unsigned jump : {2000U, 100000U, range / 2 - 1, range / 2, range - 2000U}) {
+      const unsigned garbled = (last + jump) % range, next = (last + 1) % range;
+      const auto decoded = [&](unsigned second, unsigned third) {
+        return decode_evt2(
+            {high20(last), cd20(0, 0, 0, 1), high20(second), cd20(1, 0, 0, 2), high20(third), cd20(2, 0, 0, 3)});
+      };
+      const auto decoded21 = [&](unsigned second, unsigned third) {
+        return decode_with(Evt21Decoder({640, 480}),
+                           as_span(to_bytes<std::uint64_t>({high21(last), cd21(0, 0, 0, 1, 1), high21(second),
+                                                            cd21(1, 0, 0, 2, 1), high21(third), cd21(2, 0, 0, 3, 1)})));
+      };
+      CAPTURE(last);
+      CAPTURE(jump);
+      CHECK(decoded(garbled, next).events == decoded(last, next).events);
+      CHECK(decoded(garbled, next).statistics.garbled_times == 1);
+      CHECK(decoded21(garbled, next).events == decoded(last, next).events);
+      CHECK(decoded21(garbled, next).statistics.garbled_times == 1);
+      const Decoded lasting = decoded(garbled, (garbled + 1) % range);
+      CHECK(lasting.statistics.garbled_times == 0);
+      CHECK(lasting.events[1].t % (Timestamp{range} * 64) == Timestamp{garbled} * 64 + 2);
+      CHECK(lasting.events[2].t == lasting.events[1].t + 65);
+    }
+}
+
 TEST_CASE("EVT2: triggers, ignored words, unknown words and events off the sensor") {
   const auto [events, triggers, statistics] =
       decode_evt2({high20(1), 10U << 28U | 9U << 22U | 31U << 8U | 1U, 10U << 28U | 10U << 22U, 14U << 28U, 15U << 28U,

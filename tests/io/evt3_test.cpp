@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include "io/test_support.hpp"
+#include "sanitized.hpp"
 
 using namespace evmarker;
 using namespace evmarker::io;
@@ -100,6 +101,56 @@ TEST_CASE("EVT3: a step back is counted once however the stream is cut into piec
   }
 }
 
+TEST_CASE("EVT3: a garbled TIME_HIGH that the next contradicts is not followed") {
+  for (const unsigned last : {0U, 5U, 2047U, 2048U, 4090U, 4095U})
+    for (unsigned garbled = 0; garbled < 4096; garbled += 7)
+      for (const unsigned step : {0U, 1U, 3U}) {
+        const unsigned next = (last + step) % 4096;
+        const auto stream = [&](unsigned second) {
+          return decode_evt3({high(last), low(9), y(0), x(0, 0), high(second), x(1, 0), high(next), low(20), x(2, 0),
+                              high((next + 1) % 4096), low(1), x(3, 0)});
+        };
+        const Decoded intact = stream(last), decoded = stream(garbled);
+        const unsigned ahead = (garbled - last) % 4096, behind = (last - garbled) % 4096;
+        if (ahead < 16 + step || behind < 16) continue;  // no jump
+        CAPTURE(last);
+        CAPTURE(garbled);
+        CAPTURE(step);
+        CHECK(decoded.events == intact.events);
+        CHECK(decoded.statistics.garbled_times == 1);
+        CHECK(decoded.statistics.time_steps_back == 0);
+      }
+}
+
+TEST_CASE("EVT3: a jump that the next TIME_HIGH goes on from is followed") {
+  const auto after = [](unsigned from, unsigned to) {
+    const Decoded decoded = decode_evt3({high(from), y(0), x(0, 0), high(to), x(1, 0), high(to + 1), x(2, 0)});
+    CHECK(decoded.statistics.garbled_times == 0);
+    return times(decoded.events);
+  };
+  const auto us = [](Timestamp count) { return count * 4096; };
+  CHECK(after(3000, 10) == std::vector<Timestamp>{us(3000), us(4096 + 10), us(4096 + 11)});
+  CHECK(after(1000, 10) == std::vector<Timestamp>{us(1000), us(10), us(11)});  // the camera was restarted
+  CHECK(after(1000, 900) == std::vector<Timestamp>{us(1000), us(900), us(901)});
+  CHECK(after(1000, 2500) == std::vector<Timestamp>{us(1000), us(2500), us(2501)});
+}
+
+TEST_CASE("EVT3: however the stream is cut into pieces, a garbled TIME_HIGH does not shift what is behind the next") {
+  const std::string bytes = to_bytes<std::uint16_t>({high(100), low(1), y(0), x(0, 0), high(3000), low(2), x(1, 0),
+                                                     x(2, 0), high(101), low(3), x(3, 0), high(102), low(4), x(4, 0)});
+  for (std::size_t piece = 2; piece <= bytes.size(); piece += 2) {
+    Evt3Decoder decoder({640, 480});
+    std::vector<Event> events;
+    std::vector<TriggerEvent> triggers;
+    for (std::size_t i = 0; i < bytes.size(); i += piece)
+      decode_append(decoder, as_span(bytes).subspan(i, std::min(piece, bytes.size() - i)), events, triggers);
+    REQUIRE(events.size() == 5);
+    CHECK(events[3].t == 101 * 4096 + 3);
+    CHECK(events[4].t == 102 * 4096 + 4);
+    CHECK(decoder.statistics().garbled_times == 1);
+  }
+}
+
 TEST_CASE("EVT3: everything before the first TIME_HIGH is dropped and counted") {
   const auto [events, triggers, statistics] =
       decode_evt3({low(5), y(1), x(0, 0), base(0, 0), v12(0xFFF), v8(0xFFF), 0xA001, high(1), y(2), x(7, 1)});
@@ -118,6 +169,38 @@ TEST_CASE("EVT3: events off the sensor are counted, not delivered") {
   CHECK(events ==
         std::vector<Event>{{19, 9, 0, 0}, {15, 9, 1, 0}, {16, 9, 1, 0}, {17, 9, 1, 0}, {18, 9, 1, 0}, {19, 9, 1, 0}});
   CHECK(statistics.off_sensor == 2 + 7 + 2 + 8 + 1 + 3);
+}
+
+TEST_CASE("EVT3: a run of vectors past the sensor's edge yields nothing, however long") {
+  Evt3Decoder decoder({640, 480});
+  std::vector<Event> events;
+  std::vector<TriggerEvent> triggers;
+  decode_append(decoder, as_span(to_bytes<std::uint16_t>({high(1), y(3), base(0, 1)})), events, triggers);
+  // The column would pass 2^32 after 357913942 words; under sanitizers those are too many.
+  constexpr std::size_t kWords = std::size_t{1} << 20, kRuns = kSanitized ? 4 : 342;
+  const std::string run = to_bytes(std::vector<std::uint16_t>(kWords, v12(0xFFF)));
+  std::uint64_t count = 0;
+  std::vector<Event> buffer(kWords * Evt3Decoder::kMaxEventsPerWord);
+  for (std::size_t i = 0; i < kRuns; ++i) count += decoder.decode(as_span(run), buffer, triggers);
+  CHECK(count == 640);
+  CHECK(decoder.statistics().off_sensor == 12 * kWords * kRuns - 640);
+}
+
+TEST_CASE("EVT3: a vector of which words are missing yields exactly its events") {
+  const std::vector<Event> first{{100, 3, 1, 4096}, {111, 3, 1, 4096}}, second{{112, 3, 1, 4096}},
+      last{{5, 4, 0, 4096}, {200, 4, 0, 4096}};
+  for (const bool two : {false, true})
+    for (const std::uint16_t other : {y(4), x(9, 1), low(0), high(1), base(50, 1), std::uint16_t{0xA001},
+                                      std::uint16_t{0xE123}, std::uint16_t{0x1000}}) {
+      std::vector<std::uint16_t> words{high(1), y(3), base(100, 1), v12(0x801)};
+      if (two) words.push_back(v12(1));
+      words.insert(words.end(), {other, y(4), x(5, 0), base(200, 0), v12(1), v12(0), v8(0)});
+      std::vector<Event> expected = first;
+      if (two) expected.insert(expected.end(), second.begin(), second.end());
+      if (other == x(9, 1)) expected.push_back({9, 3, 1, 4096});
+      expected.insert(expected.end(), last.begin(), last.end());
+      CHECK(decode_evt3(words).events == expected);
+    }
 }
 
 TEST_CASE("EVT3: triggers, ignored words and unknown words") {
@@ -140,6 +223,16 @@ TEST_CASE("EVT3: what is written is read back, event for event") {
     CHECK((back > 0) == steps_back);
     CHECK(decoded.statistics == RecordingStatistics{.events = events.size(), .time_steps_back = back});
   }
+}
+
+TEST_CASE("EVT3: events at any times, with jumps to and fro, are read back") {
+  std::mt19937 random(7);
+  std::vector<Event> events;
+  for (int i = 0; i < 3000; ++i)
+    events.push_back({1, 2, 1, (Timestamp{i / 500} << 24) + static_cast<Timestamp>(random() % (1U << 24))});
+  const Decoded decoded = round_trip(events, {640, 480});
+  CHECK(decoded.events == events);
+  CHECK(decoded.statistics.garbled_times == 0);
 }
 
 TEST_CASE("EVT3: the order of events is kept where a vector would change it") {

@@ -30,6 +30,34 @@ TEST_CASE("RAW header: versions, line ends, geometry and system_ID") {
   CHECK_FALSE(parse_raw_header("% format EVT21;endianness=little\n", "a").halves_swapped);
 }
 
+TEST_CASE("RAW header: without evt and format, the encoding is that of the camera's system_ID") {
+  CHECK(parse_raw_header("% system_ID 21\n", "a").format == RawFormat::evt2);
+  CHECK(parse_raw_header("% system_ID 49\n", "a").format == RawFormat::evt3);
+  CHECK(parse_raw_header("% system_ID 40\n", "a").format == RawFormat::evt3);
+  CHECK(parse_raw_header("% system_ID 31\n", "a").format == RawFormat::evt2);
+  CHECK(parse_raw_header("% system_ID 31\n", "a").size == SensorSize{1280, 720});
+  CHECK(parse_raw_header("% evt 3.0\n% system_ID 21\n", "a").format == RawFormat::evt3);
+  CHECK(contains(error_of([] { parse_raw_header("% system_ID 7\n", "a.raw"); }), "a.raw: not a Prophesee RAW"));
+}
+
+TEST_CASE("RAW header: EVT2.1 without endianness has the halves swapped if an older camera of Prophesee wrote it") {
+  const auto header = [](const std::string& lines) {
+    return parse_raw_header("% format EVT21;height=720;width=1280\n" + lines, "a");
+  };
+  const std::string prophesee = "% camera_integrator_name Prophesee\n% plugin_integrator_name Prophesee\n";
+  CHECK(header(prophesee).halves_swapped);
+  CHECK(header(prophesee + "% system_ID 48\n").halves_swapped);
+  CHECK(header(prophesee + "% system_ID 49\n").halves_swapped);
+  CHECK(header("% integrator_name Prophesee\n% system_ID 49\n").halves_swapped);
+  CHECK_FALSE(header(prophesee + "% system_ID 55\n").halves_swapped);
+  CHECK_FALSE(header(prophesee + "% system_ID 0\n").halves_swapped);
+  CHECK_FALSE(header("% camera_integrator_name Prophesee\n% plugin_integrator_name Other\n").halves_swapped);
+  CHECK_FALSE(header(prophesee).word_order_stated);
+  CHECK_FALSE(header(prophesee + "% endianness little\n").halves_swapped);
+  CHECK(header(prophesee + "% endianness little\n").word_order_stated);
+  CHECK(header(prophesee + "% system_ID 60\n% endianness legacy\n").halves_swapped);
+}
+
 TEST_CASE("RAW header: without end line it ends at the first event word, even one that begins like a header line") {
   using namespace std::string_literals;
   CHECK(parse_raw_header("% evt 2.0\n\xd0\xd8\xd9\x80", "a").bytes == 10);
@@ -43,6 +71,8 @@ TEST_CASE("RAW header: make_raw_header and parse_raw_header are inverse") {
     CHECK(header.format == format);
     CHECK(header.size == SensorSize{1280, 720});
     CHECK(header.bytes == text.size());
+    CHECK(header.word_order_stated == (format == RawFormat::evt21));
+    CHECK_FALSE(header.halves_swapped);
   }
 }
 

@@ -69,6 +69,78 @@ TEST_CASE("RawReader: EVT2.1 in both byte orders") {
   CHECK(drain(legacy) == expected);
 }
 
+TEST_CASE("RawReader: EVT2.1 without endianness is read in the order in which its words make sense") {
+  std::vector<std::uint64_t> words;
+  std::mt19937 random(3);
+  std::vector<Event> expected;
+  for (std::uint64_t i = 0; i < 200; ++i) {
+    const std::uint64_t bit = random() % 32, column = random() % 600, row = random() % 480;
+    words.push_back(std::uint64_t{8} << 60U | i << 32U);
+    words.push_back(std::uint64_t{1} << 60U | column << 43U | row << 32U | std::uint64_t{1} << bit);
+    expected.push_back(
+        {static_cast<std::uint16_t>(column + bit), static_cast<std::uint16_t>(row), 1, static_cast<Timestamp>(64 * i)});
+  }
+  std::vector<std::uint64_t> swapped;
+  for (const std::uint64_t word : words) swapped.push_back(word << 32U | word >> 32U);
+  const TemporaryFolder folder;
+  const std::string format = "% format EVT21;height=480;width=640\n",
+                    makers = "% camera_integrator_name Prophesee\n% plugin_integrator_name Prophesee\n";
+  for (const char* id : {"", "% system_ID 49\n", "% system_ID 60\n"})
+    for (const bool legacy : {false, true}) {
+      CAPTURE(id);
+      CAPTURE(legacy);
+      RawReader reader(
+          write_file(folder / "a.raw", format + makers + id + "% end\n" + to_bytes(legacy ? swapped : words)));
+      CHECK(drain(reader) == expected);
+      CHECK(reader.header().halves_swapped == legacy);
+      CHECK(reader.statistics().unknown_words == 0);
+    }
+}
+
+TEST_CASE("RawReader: a garbled TIME_HIGH anywhere shifts no later time") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 700000, 4);
+  for (const RawFormat format : {RawFormat::evt2, RawFormat::evt3}) {
+    write_and_close(RawWriter(folder / "a.raw", {640, 480}, format), events);
+    const std::string whole = read_file(folder / "a.raw");
+    const std::size_t word = format == RawFormat::evt2 ? 4 : 2, header = whole.find("% end\n") + 6;
+    for (const std::size_t place : {2UL, 5UL, 9UL}) {
+      std::size_t at = header + (whole.size() - header) / 10 * place / word * word;
+      while ((static_cast<unsigned char>(whole[at + word - 1]) >> 4U) != 8) at += word;
+      std::string garbled = whole;
+      garbled[at + word - 1] = static_cast<char>(garbled[at + word - 1] ^ 0x0C);  // in EVT3 by 12.6 s
+      RawReader reader(write_file(folder / "b.raw", garbled));
+      const auto read = drain(reader);
+      REQUIRE(read.size() == events.size());
+      const auto good = std::ranges::mismatch(read, events).in1;
+      const auto next = std::ranges::find_if(good, read.end(), [&](const Event& e) { return e.t > good->t + 20000; });
+      CHECK(std::equal(next, read.end(), events.begin() + (next - read.begin())));
+      for (auto e = good; e != next; ++e)  // up to the next TIME_HIGH, a little early
+        CHECK(std::abs(e->t - events[static_cast<std::size_t>(e - read.begin())].t) < 20000);
+      CHECK(reader.statistics().garbled_times == 1);
+    }
+  }
+}
+
+TEST_CASE("RawReader: triggers alone do not fill the memory") {
+  const TemporaryFolder folder;
+  std::vector<std::uint16_t> words{0x8000, 0x6000};
+  words.resize(1500000, 0xA001);
+  const std::string header = "% evt 3.0\n% geometry 320x240\n% end\n";
+  RawReader reader(write_file(folder / "a.raw", header + to_bytes(words)));
+  const std::string error = error_of([&] { reader.next_batch(); });
+  CHECK(contains(error, "a.raw: garbled: 10"));
+  CHECK(contains(error, " triggers without an event among them"));
+  CHECK(reader.triggers().size() < 1100000);
+
+  words.resize(1000000);
+  words.insert(words.end(), {0x0003, 0x2805});
+  RawReader few(write_file(folder / "a.raw", header + to_bytes(words)));
+  std::vector<TriggerEvent> triggers;
+  CHECK(drain(few, &triggers) == std::vector<Event>{{5, 3, 1, 0}});
+  CHECK(triggers.size() == 999998);
+}
+
 TEST_CASE("RawReader: cut at any byte, it yields every whole event before the cut") {
   const TemporaryFolder folder;
   const std::string header = "% evt 3.0\n% geometry 320x240\n% end\n";

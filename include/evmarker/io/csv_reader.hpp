@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -33,27 +34,33 @@ struct CsvReaderOptions {
 };
 
 /// Reads text recordings of any length in constant memory; an `EventSource`. These are Metavision CSV (`x,y,p,t`, t in
-/// microseconds, optionally `%geometry:W,H` before), RPG text (`t x y p`, t in seconds) and similar ones. Polarities
-/// are 0 and 1, or -1 and 1.
+/// microseconds, optionally `%geometry:W,H` before), RPG text (`t x y p`, t in seconds) and similar ones: order of
+/// columns and unit of time are by names in a first line, else by what the first events can be. Polarities are 0 and 1,
+/// -1 and 1, or True and False.
 class CsvReader {
  public:
   using event_type = Event;
 
-  /// @throws RecordingError where the file is missing or empty, or its columns or sensor size cannot be found
+  /// @throws RecordingError where the file is missing or empty, or its columns, unit of time or sensor size cannot be
+  /// found
   /// @throws std::invalid_argument where the columns or the sensor size of the options are unusable
   explicit CsvReader(std::filesystem::path path, const CsvReaderOptions& options = {})
       : lines_(std::move(path)), shift_(options.shift_first_time_to_zero) {
     if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");
-    text_ = recognize_text(lines_.lookahead(), options.layout);
+    text_ = recognize_text(lines_.lookahead(), options.layout, options.sensor_size);
     require_columns(options.layout);
+    if (!text_.fault.empty()) throw RecordingError(lines_.path(), text_.fault);
     if (!text_.size) text_.size = options.sensor_size;
     if (!text_.size)
-      throw RecordingError(lines_.path(),
-                           "no sensor size: put a first line '%geometry:WIDTH,HEIGHT' into the file or give the size "
-                           "in the options (sensor_size)");
-    if (text_.size->width < 1 || text_.size->height < 1)
+      throw RecordingError(
+          lines_.path(),
+          "no sensor size: give it in the options (sensor_size) or, for x,y,p,t in us, in a first line "
+          "'%geometry:WIDTH,HEIGHT'");
+    if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > kMaxSide ||
+        text_.size->height > kMaxSide)
       throw std::invalid_argument("sensor_size is " + std::to_string(text_.size->width) + " x " +
-                                  std::to_string(text_.size->height) + ", must be positive");
+                                  std::to_string(text_.size->height) + ", must be in 1.." + std::to_string(kMaxSide) +
+                                  " a side");
     for (std::size_t i = 0; i < text_.leading_lines; ++i) lines_.next();
     batch_.reserve(kBatchEvents);
   }
@@ -94,6 +101,7 @@ class CsvReader {
 
  private:
   static constexpr std::size_t kBatchEvents = 8192;
+  static constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;
 
   struct Fields {
     std::int64_t x = 0, y = 0, p = 0;
@@ -101,19 +109,17 @@ class CsvReader {
   };
 
   void require_columns(const TextLayout& requested) const {
-    const auto once = [&](char name) { return std::ranges::count(text_.columns, name) == 1; };
-    if (once('x') && once('y') && once('p') && once('t')) return;
-    if (!requested.columns.empty())
-      throw std::invalid_argument("columns is '" + requested.columns + "', must hold x, y, p and t once each");
-    throw RecordingError(
-        lines_.path(), "cannot recognise the columns x, y, p, t: name them in the options (layout.columns, as 'xypt')");
+    if (requested.columns.empty()) return;
+    const bool letters = text_.columns.find_first_not_of("xypt-") == std::string::npos;
+    if (!letters || !NamedColumns{text_.columns}.complete())
+      throw std::invalid_argument("columns is '" + requested.columns +
+                                  "', must hold x, y, p and t once each, and - for any other column");
   }
 
   void read(std::string_view line) {
     const auto first = line.find_first_not_of(" \t");
     if (first == std::string_view::npos || line[first] == '#' || line[first] == '%') return;
     const Fields fields = parse(line);
-    if (fields.p < -1 || fields.p > 1) throw malformed("p", std::to_string(fields.p));
     if (fields.x < 0 || fields.x >= text_.size->width || fields.y < 0 || fields.y >= text_.size->height) {
       ++statistics_.off_sensor;
       return;
@@ -131,9 +137,9 @@ class CsvReader {
     for (const char column : text_.columns) {
       const std::string_view field = consume_field(line);
       switch (column) {
-        case 'x': fields.x = parse_integer(field, "x"); break;
-        case 'y': fields.y = parse_integer(field, "y"); break;
-        case 'p': fields.p = parse_integer(field, "p"); break;
+        case 'x': fields.x = parse_coordinate(field, "x"); break;
+        case 'y': fields.y = parse_coordinate(field, "y"); break;
+        case 'p': fields.p = parse_polarity(field); break;
         case 't': fields.t = parse_time(field); break;
         default: break;
       }
@@ -160,20 +166,30 @@ class CsvReader {
     return {begin, static_cast<std::size_t>(end - begin)};
   }
 
-  std::int64_t parse_integer(std::string_view field, const char* name) const {
+  static std::optional<std::int64_t> parse_integer(std::string_view field) {
     std::int64_t value = 0;
     const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
-    if (error != std::errc{} || end != field.data() + field.size()) throw malformed(name, field);
-    return value;
+    if (error == std::errc{} && end == field.data() + field.size()) return value;
+    return parse_whole(field);
+  }
+
+  std::int64_t parse_coordinate(std::string_view field, const char* name) const {
+    const auto value = parse_integer(field);
+    if (!value || *value >= kMaxSide) throw malformed(name, field);
+    return *value;
+  }
+
+  std::int64_t parse_polarity(std::string_view field) const {
+    const auto value = parse_integer(field);
+    if (value && *value >= -1 && *value <= 1) return *value;
+    if (const auto truth = detail::parse_truth(field)) return *truth;
+    throw malformed("p", field);
   }
 
   Timestamp parse_time(std::string_view field) const {
-    Timestamp value = 0;
-    if (text_.time_unit == TimeUnit::microseconds) {
-      const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
-      if (error == std::errc{} && end == field.data() + field.size()) return value;
-    }
-    const auto exact = parse_decimal(field, text_.time_unit == TimeUnit::seconds ? 6 : 0);
+    if (text_.time_unit == TimeUnit::microseconds)
+      if (const auto whole = parse_integer(field)) return *whole;
+    const auto exact = parse_decimal(field, places_to_microseconds(text_.time_unit));
     if (!exact) throw malformed("t", field);
     return *exact;
   }

@@ -65,6 +65,26 @@ constexpr std::optional<std::int64_t> round_to_integer(Decimal number) {
   return static_cast<std::int64_t>(digits);
 }
 
+/// The number of a text like `-12.5` or `1.25e-3`, without its sign; nothing where it is none.
+constexpr std::optional<Decimal> parse_magnitude(std::string_view text) {
+  Decimal number;
+  std::size_t digits = consume_digits(text, number, false);
+  if (text.starts_with('.')) {
+    text.remove_prefix(1);
+    digits += consume_digits(text, number, true);
+  }
+  if (digits == 0) return std::nullopt;
+  const auto power = consume_exponent(text);
+  if (!power || !text.empty()) return std::nullopt;
+  number.exponent += *power;
+  return number;
+}
+
+constexpr bool is_whole(Decimal number) {
+  for (; number.exponent < 0 && number.digits % 10 == 0 && number.digits != 0; ++number.exponent) number.digits /= 10;
+  return number.exponent >= 0 || number.digits == 0;
+}
+
 }  // namespace detail
 
 /// `text` times 10^`places`, rounded half away from zero, without floating point; nothing where `text` is not a number
@@ -72,17 +92,19 @@ constexpr std::optional<std::int64_t> round_to_integer(Decimal number) {
 /// @param places 6 to read seconds as microseconds
 constexpr std::optional<std::int64_t> parse_decimal(std::string_view text, int places) {
   const bool negative = detail::consume_sign(text);
-  detail::Decimal number;
-  std::size_t digits = detail::consume_digits(text, number, false);
-  if (text.starts_with('.')) {
-    text.remove_prefix(1);
-    digits += detail::consume_digits(text, number, true);
-  }
-  if (digits == 0) return std::nullopt;
-  const auto power = detail::consume_exponent(text);
-  if (!power || !text.empty()) return std::nullopt;
-  number.exponent += *power + places;
-  const auto magnitude = detail::round_to_integer(number);
+  auto number = detail::parse_magnitude(text);
+  if (!number) return std::nullopt;
+  number->exponent += places;
+  const auto magnitude = detail::round_to_integer(*number);
+  return negative && magnitude ? -*magnitude : magnitude;
+}
+
+/// The whole number of a text like `12`, `12.0` or `1.2e+01`; nothing where it is not whole or exceeds 63 bits.
+constexpr std::optional<std::int64_t> parse_whole(std::string_view text) {
+  const bool negative = detail::consume_sign(text);
+  const auto number = detail::parse_magnitude(text);
+  if (!number || !detail::is_whole(*number)) return std::nullopt;
+  const auto magnitude = detail::round_to_integer(*number);
   return negative && magnitude ? -*magnitude : magnitude;
 }
 

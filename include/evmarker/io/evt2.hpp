@@ -3,6 +3,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -37,8 +38,10 @@ class BasicEvt2Decoder {
 
   /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
   /// to `triggers`.
+  /// @param following the bytes behind `bytes`, as far as they are known: they show whether a time word is garbled
   /// @return number of events
-  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers) {
+  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers,
+                     std::span<const std::byte> following = {}) {
     Event* out = buffer.data();
     const std::byte* const end = bytes.data() + bytes.size() / kWordBytes * kWordBytes;
     for (const std::byte* at = bytes.data(); at != end; at += kWordBytes) {
@@ -48,10 +51,7 @@ class BasicEvt2Decoder {
         case Evt2Word::cd_on:
           out = decode_events(word, kHasMask ? load_word<std::uint32_t>(at + (4 - upper_half_at_)) : 1, out);
           break;
-        case Evt2Word::time_high:
-          time_high_ = time_high_decoder_.unwrap(word & 0x0FFFFFFFU) * 64;
-          time_known_ = true;
-          break;
+        case Evt2Word::time_high: decode_time_high(word, {at + kWordBytes, end}, following); break;
         case Evt2Word::trigger: decode_trigger(word, triggers); break;
         case Evt2Word::others:
         case Evt2Word::continued: break;
@@ -63,10 +63,36 @@ class BasicEvt2Decoder {
     return count;
   }
 
-  const RecordingStatistics& statistics() const noexcept { return statistics_; }
+  RecordingStatistics statistics() const noexcept {
+    RecordingStatistics statistics = statistics_;
+    statistics.garbled_times += time_high_decoder_.undone();
+    return statistics;
+  }
 
  private:
   Timestamp time_of(std::uint32_t word) const noexcept { return time_high_ | (word >> 22U & 0x3FU); }
+
+  void decode_time_high(std::uint32_t word, std::span<const std::byte> rest, std::span<const std::byte> following) {
+    const std::uint32_t high = word & kTimeHighMask;
+    const auto find_next = [&] {
+      const auto next = find_time_high(rest);
+      return next ? next : find_time_high(following);
+    };
+    if (time_high_decoder_.is_garbled(high, find_next)) [[unlikely]] {
+      ++statistics_.garbled_times;
+      return;
+    }
+    time_high_ = time_high_decoder_.unwrap(high) * 64;
+    time_known_ = true;
+  }
+
+  std::optional<std::uint32_t> find_time_high(std::span<const std::byte> bytes) const noexcept {
+    for (; bytes.size() >= kWordBytes; bytes = bytes.subspan(kWordBytes)) {
+      const auto word = load_word<std::uint32_t>(bytes.data() + upper_half_at_);
+      if (static_cast<Evt2Word>(word >> 28U) == Evt2Word::time_high) return word & kTimeHighMask;
+    }
+    return std::nullopt;
+  }
 
   // Bit i of `mask` is set where column x + i has an event.
   Event* decode_events(std::uint32_t word, std::uint32_t mask, Event* out) noexcept {
@@ -100,9 +126,11 @@ class BasicEvt2Decoder {
     triggers.push_back({static_cast<int>(word >> 8U & 0x1FU), (word & 1U) != 0, time_of(word)});
   }
 
+  static constexpr std::uint32_t kTimeHighMask = 0x0FFFFFFF;
+
   SensorSize size_;
   std::size_t upper_half_at_ = kHasMask ? 4 : 0;  // offset of the EVT2 word in each word [bytes]
-  TimeHighDecoder<28> time_high_decoder_;
+  TimeHighDecoder<28, 6> time_high_decoder_;
   Timestamp time_high_ = 0, last_ = 0;
   bool time_known_ = false;
   RecordingStatistics statistics_;
@@ -110,6 +138,27 @@ class BasicEvt2Decoder {
 
 using Evt2Decoder = BasicEvt2Decoder<4>;
 using Evt21Decoder = BasicEvt2Decoder<8>;
+
+/// True if the upper half of each EVT2.1 word in `bytes` comes first: by the order in which more words from the first
+/// TIME_HIGH on have a type that the format defines; where both have as many, as `presumed`.
+inline bool are_halves_swapped(std::span<const std::byte> bytes, bool presumed) noexcept {
+  const auto count_defined = [bytes](std::size_t upper_half_at) {
+    std::size_t count = 0;
+    for (std::size_t i = 0; i + 8 <= bytes.size(); i += 8) {
+      switch (static_cast<Evt2Word>(load_word<std::uint32_t>(bytes.data() + i + upper_half_at) >> 28U)) {
+        case Evt2Word::time_high: ++count; break;
+        case Evt2Word::cd_off:
+        case Evt2Word::cd_on:
+        case Evt2Word::trigger:
+        case Evt2Word::others:
+        case Evt2Word::continued: count += count > 0 ? 1U : 0U; break;
+      }
+    }
+    return count;
+  };
+  const std::size_t swapped = count_defined(0), little = count_defined(4);
+  return swapped == little ? presumed : swapped > little;
+}
 
 /// Encodes events as EVT2 words. The caller has checked that they are on a sensor of at most 2048 x 2048 px.
 class Evt2Encoder {

@@ -41,20 +41,20 @@ class Evt3Decoder {
 
   /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
   /// to `triggers`.
+  /// @param following the bytes behind `bytes`, as far as they are known: they show whether a time word is garbled
   /// @return number of events
-  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers) {
+  std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers,
+                     std::span<const std::byte> following = {}) {
     const std::byte* at = bytes.data();
     const std::byte* const end = at + bytes.size() / kWordBytes * kWordBytes;
     if (!time_known_) at = skip_to_first_time(at, end);
 
-    State state = state_;  // a local copy: the compiler cannot keep members in registers across the stores of events
+    State state = state_;
     Event* out = buffer.data();
-    for (; at != end; at += kWordBytes) {
+    while ((at = decode_frequent_words(at, end, state, out)) != end) {
       const std::uint32_t word = load_word<std::uint16_t>(at);
-      if (is_row_column_or_time_low(word)) [[likely]]
-        out = decode_row_column_or_time_low(word, state, out);
-      else
-        out = decode_other(word, state, out, triggers);
+      at += kWordBytes;
+      out = decode_other(word, {at, end}, following, state, out, triggers);
     }
     state_ = state;
 
@@ -65,14 +65,20 @@ class Evt3Decoder {
     return events.size();
   }
 
-  const RecordingStatistics& statistics() const noexcept { return statistics_; }
+  RecordingStatistics statistics() const noexcept {
+    RecordingStatistics statistics = statistics_;
+    statistics.garbled_times += time_high_decoder_.undone();
+    return statistics;
+  }
 
  private:
+  static constexpr std::uint32_t kOffEverySensor = 1U << 12U;
+
   // What the words so far have set.
   struct State {
     std::uint32_t y = 0;
-    std::uint32_t row_width = 0;         // columns of row y that are on the sensor; none before the first row
-    std::uint32_t vector_x = 1U << 12U;  // first column of the next vector; off every sensor before VECT_BASE_X
+    std::uint32_t row_width = 0;               // columns of row y that are on the sensor; none before the first row
+    std::uint32_t vector_x = kOffEverySensor;  // first column of the next vector; on none before VECT_BASE_X
     std::int16_t vector_p = 0;
     std::uint32_t time_high = ~0U;  // the last TIME_HIGH; until the first, a value that none has
     Timestamp t = 0;
@@ -100,6 +106,22 @@ class Evt3Decoder {
     return (type == Evt3Word::addr_y) | (type == Evt3Word::addr_x) | (type == Evt3Word::time_low);
   }
 
+  // Decodes rows, columns and low times up to a word of another type, and returns where that is.
+  const std::byte* decode_frequent_words(const std::byte* at, const std::byte* end, State& state,
+                                         Event*& events) const noexcept {
+    State local = state;  // the compiler cannot keep what has an address in registers across the stores of events
+    Event* out = events;
+    for (; at != end; at += kWordBytes) {
+      const std::uint32_t word = load_word<std::uint16_t>(at);
+      if (!is_row_column_or_time_low(word)) [[unlikely]]
+        break;
+      out = decode_row_column_or_time_low(word, local, out);
+    }
+    state = local;
+    events = out;
+    return at;
+  }
+
   // The three most frequent words, without branches: which of them comes next cannot be predicted.
   Event* decode_row_column_or_time_low(std::uint32_t word, State& state, Event* out) const noexcept {
     const auto width = static_cast<std::uint32_t>(size_.width), height = static_cast<std::uint32_t>(size_.height);
@@ -115,7 +137,8 @@ class Evt3Decoder {
     return out + (visible ? 1 : 0);
   }
 
-  Event* decode_other(std::uint32_t word, State& state, Event* out, std::vector<TriggerEvent>& triggers) {
+  Event* decode_other(std::uint32_t word, std::span<const std::byte> rest, std::span<const std::byte> following,
+                      State& state, Event* out, std::vector<TriggerEvent>& triggers) {
     const std::uint32_t payload = payload_of(word);
     switch (type_of(word)) {
       case Evt3Word::vect_base_x:
@@ -125,9 +148,12 @@ class Evt3Decoder {
       case Evt3Word::vect_12: return decode_vector(payload, 12, state, out);
       case Evt3Word::vect_8: return decode_vector(payload & 0xFFU, 8, state, out);
       case Evt3Word::time_high:
-        if (payload == state.time_high) break;  // repeated: the low part stays
-        state.time_high = payload;
-        state.t = time_high_decoder_.unwrap(payload) * 4096;
+        if (payload == state.time_high) {  // the low part stays
+          time_high_decoder_.confirm();
+        } else if (const auto t = time_at(payload, rest, following)) {
+          state.time_high = payload;
+          state.t = *t;
+        }
         break;
       case Evt3Word::trigger:
         ++statistics_.triggers;
@@ -141,6 +167,26 @@ class Evt3Decoder {
     return out;
   }
 
+  // Time at a TIME_HIGH; nothing where it is garbled.
+  std::optional<Timestamp> time_at(std::uint32_t high, std::span<const std::byte> rest,
+                                   std::span<const std::byte> following) noexcept {
+    const auto find_next = [&] {
+      const auto next = find_time_high(rest);
+      return next ? next : find_time_high(following);
+    };
+    if (!time_high_decoder_.is_garbled(high, find_next)) return time_high_decoder_.unwrap(high) * 4096;
+    ++statistics_.garbled_times;
+    return std::nullopt;
+  }
+
+  static std::optional<std::uint32_t> find_time_high(std::span<const std::byte> bytes) noexcept {
+    for (; bytes.size() >= kWordBytes; bytes = bytes.subspan(kWordBytes)) {
+      const std::uint32_t word = load_word<std::uint16_t>(bytes.data());
+      if (type_of(word) == Evt3Word::time_high) return payload_of(word);
+    }
+    return std::nullopt;
+  }
+
   // Bit i of `mask` is set where column vector_x + i has an event.
   static Event* decode_vector(std::uint32_t mask, std::uint32_t length, State& state, Event* out) noexcept {
     const std::uint32_t x = state.vector_x;
@@ -148,6 +194,7 @@ class Evt3Decoder {
       const std::uint32_t visible = x < state.row_width ? mask & ((1U << (state.row_width - x)) - 1U) : 0;
       state.off_sensor += count_bits(mask ^ visible);
       mask = visible;
+      state.vector_x = std::min(x, kOffEverySensor);  // or a run of vectors would wrap it around
     }
     for (; mask != 0; mask &= mask - 1)
       *out++ = make_event(x + static_cast<std::uint32_t>(std::countr_zero(mask)), state.y, state.vector_p, state.t);
@@ -179,7 +226,7 @@ class Evt3Decoder {
 
   SensorSize size_;
   State state_;
-  TimeHighDecoder<12> time_high_decoder_;
+  TimeHighDecoder<12, 12> time_high_decoder_;
   bool time_known_ = false;
   Timestamp last_ = 0;  // of the last event
   RecordingStatistics statistics_;

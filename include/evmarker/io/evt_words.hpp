@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -38,21 +39,62 @@ inline void append_word(std::vector<std::byte>& bytes, Word word) {
 }
 
 /// Extends TIME_HIGH, a counter of `Bits` bits that wraps around, to a count that does not.
-template <int Bits>
+///
+/// A word that jumps by 2^16 us or more is garbled where the next one goes on from the word before it. Where the next
+/// goes on from the jump, the camera has restarted, paused or lost data.
+/// @tparam LowBits bits of the time [us] below those of a time word
+template <int Bits, int LowBits>
 class TimeHighDecoder {
  public:
+  /// True if `high` jumps and the time word behind it shows that it is garbled.
+  /// @param find_next gives the time word behind `high`, if it is known
+  template <typename FindNext>
+  bool is_garbled(std::uint32_t high, const FindNext& find_next) const {
+    if (!any_ || !far(last_, high)) return false;
+    const std::optional<std::uint32_t> next = find_next();
+    return next && contradicts(last_, high, *next);
+  }
+
+  /// The last time word is repeated.
+  void confirm() noexcept { jumped_ = false; }
+
   /// Count at the time word `high`. A step back by half the counter's range or more is a wrap, a smaller one is a step
-  /// back in time.
+  /// back in time. A jump to the last time word is undone if `high` shows that it was garbled.
   std::int64_t unwrap(std::uint32_t high) noexcept {
+    if (jumped_ && contradicts(before_jump_, last_, high)) {
+      last_ = before_jump_;
+      wrapped_ = wrapped_before_jump_;
+      ++undone_;
+    }
+    jumped_ = any_ && far(last_, high);
+    before_jump_ = last_;
+    wrapped_before_jump_ = wrapped_;
     if (last_ >= std::uint64_t{high} + kRange / 2) wrapped_ += kRange;
     last_ = high;
+    any_ = true;
     return static_cast<std::int64_t>(wrapped_ + high);
   }
 
+  /// Number of jumps undone.
+  std::uint64_t undone() const noexcept { return undone_; }
+
  private:
-  static constexpr std::uint64_t kRange = std::uint64_t{1} << Bits;
-  std::uint64_t wrapped_ = 0;  // unsigned, since garbled data may overflow it
-  std::uint64_t last_ = 0;
+  static constexpr std::uint32_t kRange = std::uint32_t{1} << Bits;
+  static constexpr std::uint32_t kNear = std::uint32_t{1} << (16 - LowBits);
+
+  // How far the counter goes from one word to another, without steps back.
+  static std::uint32_t ahead(std::uint32_t from, std::uint32_t to) noexcept { return (to - from) & (kRange - 1); }
+  static bool far(std::uint32_t from, std::uint32_t to) noexcept {
+    return ahead(from, to) >= kNear && ahead(to, from) >= kNear;
+  }
+  static bool contradicts(std::uint32_t last, std::uint32_t high, std::uint32_t next) noexcept {
+    return far(last, high) && far(high, next) && ahead(last, next) < ahead(last, high);
+  }
+
+  std::uint64_t wrapped_ = 0, wrapped_before_jump_ = 0;  // unsigned, since garbled data may overflow it
+  std::uint32_t last_ = 0, before_jump_ = 0;
+  bool any_ = false, jumped_ = false;
+  std::uint64_t undone_ = 0;
 };
 
 /// Finds the TIME_HIGH words that lead a decoder from one time to the next.
@@ -68,6 +110,7 @@ class TimeHighEncoder {
   explicit TimeHighEncoder(const char* encoding) : encoding_(encoding) {}
 
   /// Calls `emit(word)` for each time word between the last time and `t` [us]; for none where TIME_HIGH stays the same.
+  /// A word that jumps is emitted twice: by its repetition a decoder sees that it is not garbled.
   /// @throws std::invalid_argument naming `t` where the encoding cannot express it
   template <std::invocable<std::uint32_t> Emit>
   void advance_to(Timestamp t, Emit&& emit) {
@@ -88,11 +131,16 @@ class TimeHighEncoder {
 
  private:
   static constexpr std::int64_t kRange = std::int64_t{1} << HighBits;
+  static constexpr std::int64_t kNear = std::int64_t{1} << (16 - LowBits);  // as in TimeHighDecoder
 
   // In steps of less than half the range: decoders read a longer step back as a wrap.
   template <typename Put>
   void step_to(std::int64_t high, Put& put) {
-    while (last_ != high) put(last_ + std::clamp(high - last_, -kRange / 2 + 1, kRange / 2 - 1));
+    while (last_ != high) {
+      const std::int64_t step = std::clamp(high - last_, -kRange / 2 + 1, kRange / 2 - 1);
+      put(last_ + step);
+      if (step >= kNear || -step >= kNear) put(last_);
+    }
   }
 
   [[noreturn]] void refuse(Timestamp t, const char* reason) const {
@@ -114,7 +162,8 @@ std::size_t decode_append(Decoder& decoder, std::span<const std::byte> bytes, st
   const std::size_t whole = bytes.size() - bytes.size() % Decoder::kWordBytes;
   for (std::size_t begin = 0; begin < whole; begin += kPieceBytes) {
     const auto piece = bytes.subspan(begin, std::min(kPieceBytes, whole - begin));
-    const std::size_t count = decoder.decode(piece, std::span<Event>(buffer), triggers);
+    const auto following = bytes.subspan(begin + piece.size());
+    const std::size_t count = decoder.decode(piece, std::span<Event>(buffer), triggers, following);
     events.insert(events.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(count));
   }
   return whole;

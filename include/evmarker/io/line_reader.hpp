@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -18,7 +19,12 @@ class LineReader {
  public:
   /// @throws RecordingError where the file cannot be read
   explicit LineReader(std::filesystem::path path, std::size_t block_bytes = BlockReader::kBlockBytes)
-      : blocks_(std::move(path), block_bytes), rest_(blocks_.next()) {}
+      : blocks_(std::move(path), block_bytes), rest_(blocks_.next()) {
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";  // some programs begin UTF-8 with it
+    if (!lookahead().starts_with(byte_order_mark)) return;
+    offset_ = byte_order_mark.size();
+    rest_ = rest_.subspan(offset_);
+  }
 
   /// The next line, or nothing at the end of the file.
   /// @throws RecordingError where a line is longer than 64 KiB or reading fails

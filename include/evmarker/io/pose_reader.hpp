@@ -20,7 +20,7 @@
 #include "evmarker/io/line_reader.hpp"
 #include "evmarker/io/pose_format.hpp"
 #include "evmarker/io/recording_error.hpp"
-#include "evmarker/io/text_layout.hpp"
+#include "evmarker/io/text_fields.hpp"
 #include "evmarker/io/trajectory.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 

@@ -32,7 +32,8 @@ constexpr const char* to_string(RawFormat format) noexcept {
 struct RawHeader {
   RawFormat format = RawFormat::evt3;
   std::optional<SensorSize> size;  ///< nothing where the header has neither a geometry nor a listed system_ID
-  bool halves_swapped = false;     ///< EVT2.1 with `endianness=legacy`: the upper half of each word comes first
+  bool halves_swapped = false;     ///< EVT2.1: the upper half of each word comes first, `endianness=legacy`
+  bool word_order_stated = false;  ///< false where `halves_swapped` is what cameras write that do not state it
   std::vector<std::pair<std::string, std::string>> fields;  ///< every line as key and value
   std::size_t bytes = 0;                                    ///< length of the header
 };
@@ -55,13 +56,25 @@ inline std::optional<SensorSize> parse_geometry(std::string_view text, char sepa
   return SensorSize{*width, *height};
 }
 
-/// Sensor size of the cameras with this system_ID; nothing for one that is not listed.
-inline std::optional<SensorSize> size_of_system(std::string_view id) {
-  constexpr std::array vga{21, 23, 25, 28, 29, 33, 34, 35, 40, 41};
-  constexpr std::array hd{26, 30, 31, 39, 46, 48, 49, 50};
+/// What a camera writes whose header does not say so.
+struct CameraSystem {
+  RawFormat format;
+  SensorSize size;
+};
+
+/// The camera with this system_ID; nothing for one that is not listed.
+inline std::optional<CameraSystem> find_system(std::string_view id) {
+  constexpr std::array evt2_vga{21, 23, 25, 28, 29, 33, 34, 35, 41, 151, 153, 161, 162};
+  constexpr std::array evt3_vga{40};
+  constexpr std::array evt2_hd{26, 31, 39};
+  constexpr std::array evt3_hd{30, 46, 48, 49, 50};
+  constexpr SensorSize vga{640, 480}, hd{1280, 720};
   const int system = parse_positive(id).value_or(0);
-  if (std::ranges::find(vga, system) != vga.end()) return SensorSize{640, 480};
-  if (std::ranges::find(hd, system) != hd.end()) return SensorSize{1280, 720};
+  const auto is_in = [&](const auto& ids) { return std::ranges::find(ids, system) != ids.end(); };
+  if (is_in(evt2_vga)) return CameraSystem{RawFormat::evt2, vga};
+  if (is_in(evt3_vga)) return CameraSystem{RawFormat::evt3, vga};
+  if (is_in(evt2_hd)) return CameraSystem{RawFormat::evt2, hd};
+  if (is_in(evt3_hd)) return CameraSystem{RawFormat::evt3, hd};
   return std::nullopt;
 }
 
@@ -114,13 +127,32 @@ inline std::string_view field_of(const RawHeader& header, std::string_view key) 
   return found == header.fields.rend() ? std::string_view() : std::string_view(found->second);
 }
 
+/// True unless the header names another maker of the camera or of the software that wrote the recording.
+inline bool is_by_prophesee(const RawHeader& header) {
+  std::string_view camera = field_of(header, "camera_integrator_name"),
+                   plugin = field_of(header, "plugin_integrator_name");
+  if (camera.empty() && plugin.empty()) camera = plugin = field_of(header, "integrator_name");
+  return (camera.empty() && plugin.empty()) || (camera == "Prophesee" && plugin == "Prophesee");
+}
+
+/// Sets the order of the halves of an EVT2.1 word. Where the header does not state it, cameras before the one with
+/// system_ID 55 swap them: the rule of OpenEB.
+inline void set_word_order(RawHeader& header, std::string_view endianness) {
+  if (endianness.empty()) endianness = field_of(header, "endianness");
+  header.word_order_stated = !endianness.empty();
+  const std::string_view id = field_of(header, "system_ID");
+  const bool old_system = id.empty() || parse_positive(id).value_or(55) < 55;
+  header.halves_swapped = header.word_order_stated ? endianness == "legacy" : is_by_prophesee(header) && old_system;
+}
+
 /// Sensor size by the format line, else by the geometry, else by the camera's system_ID.
 inline std::optional<SensorSize> size_of(const RawHeader& header, const std::filesystem::path& path) {
   const std::string_view format = field_of(header, "format"), geometry = field_of(header, "geometry");
   const auto width = parse_positive(option_of(format, ";width=")),
              height = parse_positive(option_of(format, ";height="));
   if (width && height) return SensorSize{*width, *height};
-  if (geometry.empty()) return size_of_system(field_of(header, "system_ID"));
+  const auto system = find_system(field_of(header, "system_ID"));
+  if (geometry.empty()) return system ? std::optional(system->size) : std::nullopt;
   const auto size = parse_geometry(geometry, 'x');
   if (!size) throw RecordingError(path, "header: geometry is '" + std::string(geometry) + "', not like 1280x720", 0);
   return size;
@@ -135,17 +167,21 @@ inline std::optional<SensorSize> size_of(const RawHeader& header, const std::fil
 inline RawHeader parse_raw_header(std::string_view data, const std::filesystem::path& path) {
   RawHeader header = detail::read_header_lines(data, path);
   const std::string_view format = detail::field_of(header, "format");
-  std::string_view name = format.substr(0, format.find(';')), endianness = detail::option_of(format, ";endianness=");
+  std::string_view name = format.substr(0, format.find(';'));
   if (name.empty()) name = detail::field_of(header, "evt");
+  if (const auto system = detail::find_system(detail::field_of(header, "system_ID")); name.empty() && system)
+    name = to_string(system->format);
   if (name.empty())
-    throw RecordingError(path, "not a Prophesee RAW recording: its header has no line '% format' or '% evt'", 0);
+    throw RecordingError(path,
+                         "not a Prophesee RAW recording: its header has no line '% format' or '% evt', nor a "
+                         "'% system_ID' that tells the encoding",
+                         0);
   const auto encoding = detail::format_of(name);
   if (!encoding)
     throw RecordingError(path, "RAW encoding '" + std::string(name) + "' is not supported (EVT2, EVT2.1 and EVT3 are)",
                          0);
   header.format = *encoding;
-  if (endianness.empty()) endianness = detail::field_of(header, "endianness");
-  header.halves_swapped = endianness == "legacy";
+  if (header.format == RawFormat::evt21) detail::set_word_order(header, detail::option_of(format, ";endianness="));
   header.size = detail::size_of(header, path);
   return header;
 }
@@ -153,10 +189,11 @@ inline RawHeader parse_raw_header(std::string_view data, const std::filesystem::
 /// Header of a recording, with the fields by which OpenEB selects the decoder.
 inline std::string make_raw_header(RawFormat format, SensorSize size) {
   const std::string width = std::to_string(size.width), height = std::to_string(size.height);
-  const std::string name = format == RawFormat::evt21 ? "EVT21" : to_string(format);
-  const std::string version = format == RawFormat::evt2 ? "2.0" : format == RawFormat::evt21 ? "2.1" : "3.0";
+  const bool evt21 = format == RawFormat::evt21;
+  const std::string name = evt21 ? "EVT21" : to_string(format);
+  const std::string version = format == RawFormat::evt2 ? "2.0" : evt21 ? "2.1" : "3.0";
   return "% camera_integrator_name Prophesee\n% evt " + version + "\n% format " + name + ";height=" + height +
-         ";width=" + width + "\n% geometry " + width + "x" + height +
+         ";width=" + width + (evt21 ? ";endianness=little" : "") + "\n% geometry " + width + "x" + height +
          "\n% plugin_integrator_name Prophesee\n% plugin_name hal_plugin_prophesee\n% end\n";
 }
 

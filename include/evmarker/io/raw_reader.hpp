@@ -46,10 +46,12 @@ class RawReader {
     if (!header_.size)
       throw RecordingError(blocks_.path(), "its header has no sensor size: give it in the options (sensor_size)", 0);
     require_addressable(*header_.size);
+    skip(header_.bytes);
+    if (header_.format == RawFormat::evt21 && !header_.word_order_stated)
+      header_.halves_swapped = are_halves_swapped(rest_, header_.halves_swapped);
     if (header_.format == RawFormat::evt2) decoder_ = Evt2Decoder(*header_.size);
     if (header_.format == RawFormat::evt21) decoder_ = Evt21Decoder(*header_.size, header_.halves_swapped);
     if (header_.format == RawFormat::evt3) decoder_ = Evt3Decoder(*header_.size);
-    skip(header_.bytes);
     word_bytes_ = std::visit([](const auto& d) { return d.kWordBytes; }, decoder_);
     const auto per_word = std::visit([](const auto& d) { return d.kMaxEventsPerWord; }, decoder_);
     buffer_.resize(kChunkBytes / word_bytes_ * per_word);
@@ -59,14 +61,20 @@ class RawReader {
   SensorSize sensor_size() const noexcept { return *header_.size; }
 
   /// The next events in the order of the file, valid until the next call; none at the end.
-  /// @throws RecordingError where reading fails
+  /// @throws RecordingError where reading fails, or where so many triggers come without an event that they are no
+  /// recording's
   std::span<const Event> next_batch() {
     triggers_.clear();
     std::size_t count = 0;
     while (count == 0 && fill()) {
       const auto chunk = rest_.first(std::min(kChunkBytes, rest_.size() / word_bytes_ * word_bytes_));
-      count = std::visit([&](auto& d) { return d.decode(chunk, std::span(buffer_), triggers_); }, decoder_);
+      const auto following = rest_.subspan(chunk.size());
+      count = std::visit([&](auto& d) { return d.decode(chunk, std::span(buffer_), triggers_, following); }, decoder_);
       skip(chunk.size());
+      if (count == 0 && triggers_.size() > kMaxTriggers)  // a batch without events would be the end
+        throw RecordingError(blocks_.path(),
+                             "garbled: " + std::to_string(triggers_.size()) + " triggers without an event among them",
+                             bytes_read_);
     }
     const std::span batch = std::span(buffer_).first(count);
     if (options_.shift_first_time_to_zero) shift_time(batch);
@@ -87,7 +95,8 @@ class RawReader {
   std::uint64_t bytes_total() const noexcept { return blocks_.bytes_total(); }
 
  private:
-  static constexpr std::size_t kChunkBytes = std::size_t{1} << 14;  // its events stay in the cache
+  static constexpr std::size_t kChunkBytes = std::size_t{1} << 14;   // its events stay in the cache
+  static constexpr std::size_t kMaxTriggers = std::size_t{1} << 20;  // in a batch: 16 MB, minutes of 1 kHz
 
   void require_addressable(SensorSize size) const {
     const auto fits = [](int side) { return side >= 1 && side <= 2048; };

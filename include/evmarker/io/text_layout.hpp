@@ -1,148 +1,175 @@
 #pragma once
 // Layout of a text recording: separator, columns and unit of time, recognised from its first lines.
 #include <algorithm>
-#include <array>
-#include <cctype>
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/io/column_names.hpp"
+#include "evmarker/io/layout_guess.hpp"
 #include "evmarker/io/raw_header.hpp"
+#include "evmarker/io/text_fields.hpp"
+#include "evmarker/io/time_unit.hpp"
 
 namespace evmarker::io {
-
-enum class TimeUnit { microseconds, seconds };
 
 /// Layout of a text recording; whatever is not set is recognised from the file.
 struct TextLayout {
   std::optional<char> separator = std::nullopt;  ///< comma, semicolon, tab, or a space for one blank or more
-  std::string columns = {};                      ///< a letter for each column: x, y, p, t, or - to ignore it; `xypt`
-  std::optional<TimeUnit> time_unit = std::nullopt;  ///< seconds where times have a decimal point
+  std::string columns = {};                      ///< a letter for each column: x, y, p, t, or - to ignore it; `x,y,p,t`
+  std::optional<TimeUnit> time_unit = std::nullopt;
 };
 
 /// A complete layout, and what precedes the first event.
 struct RecognizedText {
   char separator = ',';
-  std::string columns;  ///< empty where they are not recognised: too few lines look like events
+  std::string columns;  ///< a letter for each column, without commas
   TimeUnit time_unit = TimeUnit::microseconds;
   std::optional<SensorSize> size;  ///< from a line `%geometry:640,480` or a first line `640 480`
   std::size_t leading_lines = 0;   ///< lines to skip: comments, geometry, column names
+  std::string fault = {};          ///< one line that says what cannot be recognised; empty where all is
 };
 
 namespace detail {
 
-inline std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view blanks = " \t\r";
-  const auto begin = text.find_first_not_of(blanks);
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(blanks) - begin + 1);
-}
-
-inline char separator_of(std::string_view line) {
-  for (const char c : {',', ';'})
-    if (line.find(c) != std::string_view::npos) return c;
-  return ' ';
-}
-
-inline std::vector<std::string_view> split(std::string_view line, char separator) {
-  std::vector<std::string_view> fields;
-  const bool blank = separator == ' ' || separator == '\t';
-  line = trimmed(line);
-  while (!line.empty()) {
-    const auto end = std::min(blank ? line.find_first_of(" \t") : line.find(separator), line.size());
-    fields.push_back(trimmed(line.substr(0, end)));
-    line.remove_prefix(std::min(end + 1, line.size()));
-    if (blank) line = trimmed(line);
-  }
-  return fields;
-}
-
-/// The letter of a column named like `x`, `polarity`, `timestamp`, `t_us`, `time [s]`; `-` for any other.
-inline char column_of(std::string_view name, std::optional<TimeUnit>& unit) {
-  std::string word, suffix;
-  for (const char c : name) {
-    if (std::isalpha(static_cast<unsigned char>(c)) == 0) {
-      if (!word.empty()) suffix += ' ';
-      continue;
+/// The first lines of a text recording, taken apart.
+class TextHead {
+ public:
+  /// @param head whole lines; an incomplete last line is ignored unless it is the only one
+  TextHead(std::string_view head, std::optional<char> separator) : given_(separator) {
+    if (separator) text.separator = *separator;
+    while (!head.empty() && samples.size() < kSamples) {
+      const auto end = head.find('\n');
+      if (end == std::string_view::npos && !samples.empty()) break;
+      ++line_number_;
+      read(trimmed(head.substr(0, end)));
+      head.remove_prefix(std::min(end, head.size() - 1) + 1);
     }
-    const char lower = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    (suffix.empty() ? word : suffix) += lower;
   }
-  const std::string unit_name(trimmed(suffix));
-  if (word == "x" || word == "y") return word[0];
-  if (word == "p" || word == "pol" || word == "polarity" || word == "on") return 'p';
-  if (word != "t" && word != "ts" && word != "time" && word != "timestamp") return '-';
-  if (unit_name == "us") unit = TimeUnit::microseconds;
-  if (unit_name == "s" || unit_name == "sec" || unit_name == "seconds") unit = TimeUnit::seconds;
-  return 't';
+
+  RecognizedText text;
+  NamedColumns names;
+  bool metavision = false;  // true where there is a line %geometry
+  Samples samples;
+
+ private:
+  static constexpr std::size_t kSamples = 10000;
+
+  void read(std::string_view line) {
+    constexpr std::string_view geometry = "%geometry:";
+    if (line.starts_with(geometry)) {
+      metavision = true;
+      set_size(line.substr(geometry.size()), ',');
+    } else if (line.starts_with('#') || line.starts_with('%')) {
+      const auto named = name_columns(split(line.substr(1), separator_of(line)));
+      if (samples.empty() && named.complete()) names = named;
+    } else if (!line.empty()) {
+      if (samples.empty() && !given_) text.separator = separator_of(line);
+      const auto fields = split(line, text.separator);
+      if (samples.empty() && is_heading(line, fields))
+        text.leading_lines = line_number_;
+      else
+        add_sample(fields);
+    }
+  }
+
+  void add_sample(const std::vector<std::string_view>& fields) {
+    std::vector<double> sample;
+    for (const std::string_view field : fields) sample.push_back(sample_of(unquoted(field)));
+    samples.push_back(std::move(sample));
+  }
+
+  // The names of columns, or the sensor size alone.
+  bool is_heading(std::string_view line, const std::vector<std::string_view>& fields) {
+    const bool numbers =
+        std::ranges::any_of(fields, [](auto field) { return !std::isnan(sample_of(unquoted(field))); });
+    const bool name_line = !numbers && !names.complete(), size_line = numbers && fields.size() == 2 && !text.size;
+    if (name_line) names = name_columns(fields);
+    if (size_line) set_size(line, text.separator);
+    return name_line || size_line;
+  }
+
+  void set_size(std::string_view value, char separator) {
+    const auto sides = split(value, separator);
+    const auto side = [&](std::size_t i) { return sides.size() == 2 ? parse_positive(sides[i]).value_or(0) : 0; };
+    const SensorSize size{side(0), side(1)};
+    const auto fits = [](int length) { return length >= 1 && length <= kMaxSide; };
+    if (fits(size.width) && fits(size.height))
+      text.size = size;
+    else if (text.fault.empty())
+      text.fault = "line " + std::to_string(line_number_) + ": sensor size is '" + std::string(value.substr(0, 40)) +
+                   "', must be width and height in 1.." + std::to_string(kMaxSide) + " px";
+  }
+
+  static constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;  // what an event's x and y can be
+
+  std::optional<char> given_;
+  std::size_t line_number_ = 0;
+};
+
+/// Completes the columns: those of the names or, where there are none, those that the samples fit.
+inline void recognize_columns(TextHead& head, std::optional<SensorSize> size) {
+  const std::size_t fields = head.samples.empty() ? 0 : head.samples.front().size();
+  const bool first_is_index = first_column_counts(head.samples);
+  RecognizedText& text = head.text;
+  text.fault = "cannot recognise the columns x, y, p, t";
+  if (head.names.complete()) {
+    const bool unnamed_index = first_is_index && fields == head.names.letters.size() + 1;
+    text.columns = (unnamed_index ? "-" : "") + head.names.letters;
+  } else if (head.names.letters.empty()) {
+    const auto orders = guess_columns(head.samples, first_is_index && fields == 5, size);
+    if (orders.size() == 1) text.columns = orders.front();
+    if (orders.size() > 1) text.fault = "the columns may be '" + orders[0] + "' or '" + orders[1] + "'";
+  }
+  text.fault += ": name them, --columns t,x,y,p (in the options: text_layout.columns)";
+  if (!text.columns.empty()) text.fault.clear();
 }
 
-inline bool is_polarity(std::string_view field) { return field == "0" || field == "1" || field == "-1"; }
-
-/// `xypt` or `txyp`, whichever fits more of the sampled lines; empty where neither fits half of them, so that a few
-/// malformed lines are left to the reader to report. Where both fit equally, `txyp` for blanks and `xypt` otherwise.
-inline std::string guess_columns(const std::vector<std::vector<std::string_view>>& lines, char separator) {
-  std::size_t xypt = 0, txyp = 0;
-  for (const auto& fields : lines) {
-    if (fields.size() != 4) continue;
-    const bool time_first = fields[0].find('.') != std::string_view::npos;
-    if (is_polarity(fields[2]) && !time_first) ++xypt;
-    if (is_polarity(fields[3])) ++txyp;
+/// Completes the unit of time: the one in which the samples are those of an event camera.
+inline void recognize_time_unit(TextHead& head, std::optional<SensorSize> size) {
+  const std::string& columns = head.text.columns;
+  const std::size_t t = columns.find('t'), x = columns.find('x'), y = columns.find('y');
+  std::vector<double> times;
+  SensorSize seen;
+  for (const std::vector<double>& line : head.samples) {
+    if (line.size() != columns.size() || std::isnan(line[t])) continue;
+    times.push_back(line[t]);
+    if (line[x] < 2048 && line[x] >= seen.width) seen.width = static_cast<int>(line[x]) + 1;
+    if (line[y] < 2048 && line[y] >= seen.height) seen.height = static_cast<int>(line[y]) + 1;
   }
-  if (2 * std::max(xypt, txyp) < lines.size() || lines.empty()) return "";
-  if (xypt == txyp) return separator == ' ' ? "txyp" : "xypt";
-  return xypt > txyp ? "xypt" : "txyp";
+  if (const auto unit = guess_time_unit(std::move(times), size.value_or(seen), head.metavision))
+    head.text.time_unit = *unit;
+  else
+    head.text.fault =
+        "cannot tell the unit of its times: name it, --time-unit s|ms|us|ns (in the options: text_layout.time_unit)";
 }
 
 }  // namespace detail
 
 /// Completes `layout` from the beginning of a file.
 /// @param head whole lines; an incomplete last line is ignored unless it is the only one
-inline RecognizedText recognize_text(std::string_view head, const TextLayout& layout = {}) {
-  constexpr std::size_t kSamples = 200;
-  RecognizedText found;
-  std::string columns = layout.columns;
-  std::optional<TimeUnit> unit = layout.time_unit, named_unit;
-  std::vector<std::vector<std::string_view>> samples;
-  if (layout.separator) found.separator = *layout.separator;
-
-  std::size_t line_number = 0;
-  while (!head.empty() && samples.size() < kSamples) {
-    const auto end = head.find('\n');
-    if (end == std::string_view::npos && !samples.empty()) break;
-    const std::string_view line = detail::trimmed(head.substr(0, end));
-    head.remove_prefix(std::min(end, head.size() - 1) + 1);
-    ++line_number;
-    if (line.starts_with("%geometry:")) found.size = detail::parse_geometry(line.substr(10), ',');
-    if (line.empty() || line.front() == '#' || line.front() == '%') continue;
-    if (samples.empty() && !layout.separator) found.separator = detail::separator_of(line);
-    auto fields = detail::split(line, found.separator);
-    if (samples.empty()) {
-      const bool names = std::isalpha(static_cast<unsigned char>(line.front())) != 0;
-      const bool size_line = fields.size() == 2 && !found.size && !names;
-      if (names && columns.empty())
-        for (const std::string_view name : fields) columns += detail::column_of(name, named_unit);
-      if (size_line && detail::parse_positive(fields[0]) && detail::parse_positive(fields[1]))
-        found.size = SensorSize{*detail::parse_positive(fields[0]), *detail::parse_positive(fields[1])};
-      if (names || (size_line && found.size)) {
-        found.leading_lines = line_number;
-        continue;
-      }
-    }
-    samples.push_back(std::move(fields));
-  }
-
-  found.columns = columns.empty() ? detail::guess_columns(samples, found.separator) : columns;
-  if (!unit) unit = named_unit;
-  const auto t = found.columns.find('t');
-  const bool point = std::ranges::any_of(samples, [&](const auto& fields) {
-    return t < fields.size() && fields[t].find_first_of(".eE") != std::string_view::npos;
-  });
-  found.time_unit = unit.value_or(point ? TimeUnit::seconds : TimeUnit::microseconds);
-  return found;
+/// @param size of the sensor where the file has none
+inline RecognizedText recognize_text(std::string_view head, const TextLayout& layout = {},
+                                     std::optional<SensorSize> size = std::nullopt) {
+  detail::TextHead lines(head, layout.separator);
+  if (lines.text.size) size = lines.text.size;
+  for (const char c : layout.columns)
+    if (c != ',' && c != ' ') lines.text.columns += c;
+  if (!lines.text.fault.empty()) return lines.text;
+  if (layout.columns.empty()) detail::recognize_columns(lines, size);
+  const auto unit = layout.time_unit ? layout.time_unit : lines.names.time_unit;
+  if (unit)
+    lines.text.time_unit = *unit;
+  else if (NamedColumns{lines.text.columns}.complete())
+    detail::recognize_time_unit(lines, size);
+  return lines.text;
 }
 
 }  // namespace evmarker::io
