@@ -53,7 +53,7 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
   CHECK(refuses<EventReader>(folder / "a", "#ROSBAG V2.0\n", "rosbag"));
   CHECK(refuses<EventReader>(folder / "a.h5", "\x01\x02", "HDF5"));
   CHECK(refuses<EventReader>(folder / "a.BAG", "\x01\x02", "rosbag"));
-  CHECK(refuses<EventReader>(folder / "a.mp4", "\x01\x02", "these are: Prophesee RAW (EVT2, EVT2.1, EVT3), text"));
+  CHECK(refuses<EventReader>(folder / "a.mp4", "\x01\x02", "Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), text"));
   CHECK(refuses<EventReader>(folder / "a.raw", "\x01\x02", "not a Prophesee RAW recording"));
   CHECK(refuses<EventReader>(folder / "a.csv", "", "a.csv: the file is empty"));
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));

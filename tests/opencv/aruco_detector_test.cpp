@@ -316,7 +316,7 @@ TEST_CASE("settings that make no sense are named with their value") {
     return message_of([&] { ArucoDetector(kCamera, settings); });
   };
   CHECK(make({.dictionary = "DICT_1X1"}).find("DICT_1X1") != std::string::npos);
-  for (const auto& [length, text] : {std::pair(0.0, "0.0"), std::pair(-0.1, "-0.1"), std::pair(std::nan(""), "nan"),
+  for (const auto& [length, text] : {std::pair(0.0, " 0"), std::pair(-0.1, "-0.1"), std::pair(std::nan(""), "nan"),
                                      std::pair(std::numeric_limits<double>::infinity(), "inf")}) {
     const std::string message = make({.marker_length = length});
     CHECK(message.find("marker length") != std::string::npos);
