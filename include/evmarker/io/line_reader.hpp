@@ -18,7 +18,10 @@ class LineReader {
  public:
   /// @throws RecordingError where the file cannot be read
   explicit LineReader(std::filesystem::path path, std::size_t block_bytes = BlockReader::kBlockBytes)
-      : blocks_(std::move(path), block_bytes), rest_(blocks_.next()) {}
+      : LineReader(BlockReader(std::move(path), block_bytes)) {}
+
+  /// Continues with a file that is open; of its blocks, none but the first may have been read.
+  explicit LineReader(BlockReader blocks) : blocks_(std::move(blocks)), rest_(blocks_.next()) {}
 
   /// The next line, or nothing at the end of the file.
   /// @throws RecordingError where a line is longer than 64 KiB or reading fails
