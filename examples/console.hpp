@@ -4,10 +4,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cinttypes>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <evmarker/base/require.hpp>
 #include <exception>
+#include <limits>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -22,19 +26,27 @@ class ProgressBar {
     if (shown_) std::fputs("\r\033[K", stderr);
   }
 
+  /// @param total 0 where it is not known, as of a pipe: then the megabytes until now are shown
   void update(std::uint64_t done, std::uint64_t total) {
-    const int percent =
-        total > 0 ? static_cast<int>(100.0 * static_cast<double>(done) / static_cast<double>(total)) : 0;
-    if (!shown_ || percent == percent_) return;
-    percent_ = percent;
-    const std::string bar(static_cast<std::size_t>(percent) * 40 / 100, '#');
-    std::fprintf(stderr, "\r[%-40s] %3d %%", bar.c_str(), percent);
+    const std::uint64_t step = total == 0 ? done / kMegabyte : percent(done, total);
+    if (!shown_ || step == step_) return;
+    step_ = step;
+    if (total == 0)
+      std::fprintf(stderr, "\r%" PRIu64 " MB", step);
+    else
+      std::fprintf(stderr, "\r[%-40s] %3" PRIu64 " %%", std::string(step * 40 / 100, '#').c_str(), step);
     std::fflush(stderr);
   }
 
  private:
+  static constexpr std::uint64_t kMegabyte = 1000000;
+
+  static std::uint64_t percent(std::uint64_t done, std::uint64_t total) {  // a file may grow while it is read
+    return static_cast<std::uint64_t>(100 * std::min(1.0, static_cast<double>(done) / static_cast<double>(total)));
+  }
+
   bool shown_;
-  int percent_ = -1;
+  std::uint64_t step_ = std::numeric_limits<std::uint64_t>::max();
 };
 
 /// Accepts an option's value only if it is a finite number above zero.
@@ -45,6 +57,19 @@ inline CLI::Validator positive_number() {
             return good ? std::string() : text + " is not a positive number";
           },
           "POSITIVE"};
+}
+
+/// Accepts a marker's length in metres: not in millimetres.
+inline CLI::Validator marker_length() {
+  return {[](std::string& text) {
+            if (const std::string fault = positive_number()(text); !fault.empty()) return fault;
+            double length = 0;
+            CLI::detail::lexical_cast(text, length);
+            if (length >= 0.001 && length <= 10) return std::string();
+            const std::string meant = text + " is taken as metres, which must be from 0.001 to 10";
+            return length < 1 ? meant : meant + "; for " + text + " mm give " + evmarker::number_text(length / 1000);
+          },
+          "0.001..10"};
 }
 
 /// Accepts `auto`, as 0, or a whole number from 1 to `most`.
@@ -64,14 +89,31 @@ inline CLI::Validator automatic_or_up_to(int most) {
 /// How the default of such an option is shown.
 inline std::string automatic_or(int value) { return value == 0 ? "auto" : std::to_string(value); }
 
-inline int fail(const CLI::App& app, std::string reason) {
+/// Ends a program that has done what it could, with a line on stderr and an exit code of its own.
+class Exit : public std::runtime_error {
+ public:
+  Exit(int code, const std::string& reason) : std::runtime_error(reason), code_(code) {}
+  int code() const noexcept { return code_; }
+
+ private:
+  int code_;
+};
+
+/// The end of a program's `--help`.
+/// @param own exit codes that only this program has, as "2 nothing found, "
+inline std::string exit_codes(const std::string& own = "") {
+  return "Exit codes: 0 done, 1 error, " + own +
+         "130 or 143 interrupted by Ctrl-C or SIGTERM, where all until then is kept";
+}
+
+inline int fail(const CLI::App& app, std::string reason, int code = 1) {
   std::replace(reason.begin(), reason.end(), '\n', ' ');  // OpenCV's reasons may have several lines
   std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), reason.c_str());
-  return 1;
+  return code;
 }
 
 /// What a program's `main` does: reads its options, then runs its body with them. Whatever goes wrong becomes one line
-/// on stderr and exit code 1.
+/// on stderr and exit code 1, or the code of an `Exit`.
 /// @tparam Options has `add_to(CLI::App&)`
 template <typename Options, typename Body>
 int run(const char* name, const char* description, int argc, char** argv, const Body& body) {
@@ -84,6 +126,8 @@ int run(const char* name, const char* description, int argc, char** argv, const 
     return 0;
   } catch (const CLI::ParseError& error) {
     return error.get_exit_code() == 0 ? app.exit(error) : fail(app, std::string(error.what()) + " (see --help)");
+  } catch (const Exit& exit) {
+    return fail(app, exit.what(), exit.code());
   } catch (const std::exception& error) {
     return fail(app, error.what());
   }

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "console.hpp"
+#include "distinct_files.hpp"
 
 using namespace evmarker;
 
@@ -35,6 +36,7 @@ void print(const std::map<MarkerId, AccuracyMeter>& meters, Timestamp end) {
 }
 
 void evaluate(const Options& options) {
+  require_distinct({{"poses", options.poses}, {"--truth", options.truth}}, {{"--errors", options.errors}});
   const auto poses = io::read_pose_csv(options.poses);
   if (poses.empty()) throw std::runtime_error(options.poses + ": no poses in it");
   const auto truth = io::GroundTruth::read(options.truth);

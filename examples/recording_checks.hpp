@@ -1,10 +1,12 @@
 #pragma once
-// Refuses recordings that do not fit the calibration, or are garbled.
+// Opens recordings, and refuses those that do not fit the calibration, or are garbled.
 #include <cstdint>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
 #include <stdexcept>
 #include <string>
+
+#include "interruption.hpp"
 
 namespace recording_checks {
 
@@ -18,6 +20,21 @@ inline void require_size(evmarker::SensorSize recorded, const std::string& path,
   if (recorded == camera_size) return;
   throw std::runtime_error(path + ": recorded with " + show(recorded) + ", but image_width and image_height of " +
                            camera_path + " say " + show(camera_size));
+}
+
+/// Opens a recording, which ends when the program is interrupted.
+/// @throws std::runtime_error where it cannot be read or its size is not that of the camera
+inline evmarker::io::EventReader open(const std::string& path, evmarker::SensorSize camera_size,
+                                      const std::string& camera_path, const evmarker::io::TextLayout& layout = {}) {
+  try {
+    evmarker::io::EventReader recording(
+        path, {.sensor_size = camera_size, .text_layout = layout, .stop = &interruption::requested});
+    require_size(recording.sensor_size(), path, camera_size, camera_path);
+    return recording;
+  } catch (const evmarker::io::RecordingError&) {
+    if (interruption::requested) interruption::end(0, {});  // while a FIFO was silent, which then seems to be cut off
+    throw;
+  }
 }
 
 /// A lost packet garbles a few words, which are counted and reported; more than 1 % are an error.

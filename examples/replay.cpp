@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "console.hpp"
+#include "interruption.hpp"
 #include "live_options.hpp"
 #include "recording_checks.hpp"
 #include "text_options.hpp"
@@ -55,9 +56,14 @@ struct ReplayOptions : LiveOptions {
     app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
     app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
   }
+
+  void require_distinct_files() const {
+    require_distinct(files_read(), {{"--output", output}, {"--triggers", triggers}, {"--delays", delays}});
+  }
 };
 
-// Maps recorded time to the wall clock and waits for it, but not across a jump of the recording's clock.
+// Maps recorded time to the wall clock and waits for it, but not across a jump of the recording's clock, nor when the
+// program is interrupted.
 class Pace {
  public:
   explicit Pace(double speed) : speed_(speed) {}
@@ -72,7 +78,11 @@ class Pace {
     if (std::exchange(again_, false) || std::abs(static_cast<double>(t) - static_cast<double>(last_t_)) > kJump_us)
       starts_.push_back({t, speed_, now});
     last_t_ = t;
-    if (const auto then = wall(starts_.back(), t); then > now) std::this_thread::sleep_until(then);
+    const auto then = wall(starts_.back(), t);
+    for (auto until = now; until < then && !interruption::requested;) {
+      until = std::min(then, live::Clock::now() + std::chrono::milliseconds(50));
+      std::this_thread::sleep_until(until);
+    }
   }
 
   /// The wall clock's time of a recorded time, by the start that was the latest at `now`.
@@ -109,6 +119,14 @@ class Outputs {
 
   void write(const PoseEstimate& pose) {
     if (poses_) poses_->write(pose);
+  }
+  /// What is in the files.
+  std::vector<std::string> kept(const ReplayOptions& options) const {
+    std::vector<std::string> files;
+    if (poses_) files.push_back(std::to_string(poses_->poses_written()) + " poses in " + options.output);
+    if (delay_file_) files.push_back(std::to_string(deliveries_.size()) + " delays in " + options.delays);
+    if (trigger_file_) files.push_back(options.triggers);
+    return files;
   }
   void add_delivery(Timestamp t) {
     if (delay_file_) deliveries_.push_back({t, live::Clock::now()});
@@ -192,16 +210,18 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
 }
 
 // Pushes packets as a camera delivers them, with trigger events in their place among the events.
+// Returns for how long they were recorded [s].
 template <typename Pipeline>
-void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, Pipeline& pipeline,
-          const std::function<void()>& after_batch) {
+double play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, Pipeline& pipeline,
+            const std::function<void()>& after_batch) {
   std::optional<Timestamp> begin;
-  for (bool more = true; more;) {
+  Timestamp last = 0;
+  for (bool more = true; more && !interruption::requested;) {
     auto batch = recording.next_batch();
     auto triggers = recording.triggers();
     more = !batch.empty();
     if (options.find_first) pace.set_speed(pipeline.status().registered > 0 ? options.speed : options.speed / 20);
-    while (!batch.empty() || !triggers.empty()) {
+    while ((!batch.empty() || !triggers.empty()) && !interruption::requested) {
       if (!triggers.empty() && (batch.empty() || triggers[0].t < batch[0].t)) {
         pace.wait_until(triggers[0].t);
         pipeline.push(triggers[0]);
@@ -216,11 +236,13 @@ void play(const ReplayOptions& options, io::EventReader& recording, Pace& pace, 
       const auto n = packet_size(batch, end);
       pace.wait_until(batch[n - 1].t);  // a camera delivers when the last of them has happened
       pipeline.push(batch.first(n));
+      last = batch[n - 1].t;
       batch = batch.subspan(n);
     }
     after_batch();
   }
   pipeline.flush();
+  return begin && last > *begin ? 1e-6 * static_cast<double>(elapsed_us(*begin, last)) : 0;
 }
 
 template <PoseUpdateRule Rule>
@@ -238,11 +260,12 @@ live::PipelineSettings<Rule> settings(const ReplayOptions& options, const typena
 
 template <PoseUpdateRule Rule>
 void replay(const ReplayOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+  options.require_distinct_files();
+  interruption::watch();
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   auto detector = options.detector(camera);
-  io::EventReader recording(options.recording,
-                            {.sensor_size = camera.sensor_size(), .text_layout = options.text.layout()});
-  recording_checks::require_size(recording.sensor_size(), options.recording, camera.sensor_size(), options.camera);
+  io::EventReader recording =
+      recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout());
   Outputs outputs(options, columns);
   live::Pipeline pipeline(
       camera, detector,
@@ -254,18 +277,21 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
 
   Pace pace(options.speed);
   const auto start = live::Clock::now();
+  double recorded_s = 0;
   {
     console::ProgressBar progress(options.quiet);
-    play(options, recording, pace, pipeline, [&] {
+    recorded_s = play(options, recording, pace, pipeline, [&] {
       recording_checks::require_sane(recording, options.recording, options.camera, false);
       progress.update(recording.bytes_read(), recording.bytes_total());
     });
   }
   const std::chrono::duration<double> wall = live::Clock::now() - start;
-  recording_checks::require_sane(recording, options.recording, options.camera, true);
+  const bool interrupted = interruption::requested;
+  if (!interrupted) recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
   outputs.close(pace, start);
   print(pipeline.status(), pipeline.latency(), wall.count());
+  if (interrupted) interruption::end(recorded_s, outputs.kept(options));
 }
 
 }  // namespace

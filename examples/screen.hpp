@@ -79,7 +79,8 @@ class Window {
 class VideoFile {
  public:
   /// @throws std::runtime_error where it cannot be written
-  VideoFile(const std::filesystem::path& path, double fps, cv::Size size) : path_(path), part_(path) {
+  VideoFile(const std::filesystem::path& path, double fps, cv::Size size)
+      : path_(path), target_(evmarker::io::link_target(path)), part_(target_) {
     const std::string ending = path.extension().string();
     part_.replace_extension(".part" + ending);  // the ending selects the container
     const auto codecs = kCodecs.find(ending);
@@ -114,7 +115,7 @@ class VideoFile {
     const double written = cv::VideoCapture(part_.string()).get(cv::CAP_PROP_FRAME_COUNT);
     std::error_code error;
     if (written + 0.5 >= static_cast<double>(frames_)) {
-      std::filesystem::rename(part_, path_, error);
+      std::filesystem::rename(part_, target_, error);
       if (!error) return;
     }
     remove_part();
@@ -149,7 +150,7 @@ class VideoFile {
     std::filesystem::remove(part_, ignored);
   }
 
-  std::filesystem::path path_, part_;
+  std::filesystem::path path_, target_, part_;
   cv::VideoWriter writer_;
   std::uint64_t frames_ = 0;
 };

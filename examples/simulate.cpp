@@ -17,6 +17,8 @@
 #include <vector>
 
 #include "console.hpp"
+#include "distinct_files.hpp"
+#include "interruption.hpp"
 #include "lens_option.hpp"
 
 using namespace evmarker;
@@ -51,7 +53,7 @@ struct Options {
     app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
         ->excludes(side_by_side);
     app.add_option("--marker-length", marker_length, "side of the black square [m]")
-        ->check(console::positive_number())
+        ->check(console::marker_length())
         ->capture_default_str();
     app.add_option("--black", black, "share of the light that the ink sends back, one for all markers or one each")
         ->delimiter(',')
@@ -82,6 +84,11 @@ struct Options {
     app.add_option("--duration", sensor.duration_s, "[s]")->check(console::positive_number())->capture_default_str();
     app.add_option("--seed", sensor.seed, "of sensor and motion")->capture_default_str();
     app.add_flag("--quiet", quiet, "no progress bar");
+    app.footer(console::exit_codes());
+  }
+
+  std::string calibration() const {
+    return camera.empty() ? std::filesystem::path(recording).replace_extension(".yml").string() : camera;
   }
 
   // Options are carried out in the order in which they are added: those after --sensor change single numbers of it.
@@ -179,8 +186,22 @@ std::vector<SimulatedMarker> make_board(const Options& o, std::vector<Target>& t
   return simulated_markers(board, targets.back().motion);
 }
 
+// Every millisecond until `end`.
+void write_truth(io::PoseCsvWriter& truth, const std::vector<Target>& targets, Timestamp end) {
+  for (Timestamp t = 0; t <= end; t += 1000)
+    for (const auto& [id, motion] : targets)
+      truth.write({.id = id,
+                   .t = t,
+                   .T_camera_marker = motion(1e-6 * static_cast<double>(t)),
+                   .quality = {.state = TrackingState::tracking}});
+  truth.close();
+}
+
 void simulate(const Options& o) {
   require_in_front(o);
+  require_distinct({{"--board", o.board}},
+                   {{"the recording", o.recording}, {"--camera", o.calibration()}, {"--truth", o.truth}});
+  interruption::watch();
   const SensorSize size{o.size[0], o.size[1]};
   const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1), o.lens);
   std::vector<Target> targets;
@@ -190,29 +211,26 @@ void simulate(const Options& o) {
   std::optional<io::PoseCsvWriter> truth;
   if (!o.truth.empty()) truth.emplace(o.truth);
   Simulator simulator(camera, scene, o.sensor);
-  const auto beside = std::filesystem::path(o.recording).replace_extension(".yml").string();
-  opencv::save_calibration(o.camera.empty() ? beside : o.camera, camera);
+  opencv::save_calibration(o.calibration(), camera);
+  const auto duration = static_cast<Timestamp>(o.sensor.duration_s * 1e6);
   {
     console::ProgressBar progress(o.quiet);
-    const auto end = static_cast<std::uint64_t>(o.sensor.duration_s * 1e6);
     for (auto batch = simulator.next_batch(); !batch.empty(); batch = simulator.next_batch()) {
       recording.write(batch);
-      progress.update(static_cast<std::uint64_t>(simulator.now()), end);
+      progress.update(static_cast<std::uint64_t>(simulator.now()), static_cast<std::uint64_t>(duration));
+      if (interruption::requested) break;
     }
   }
-  if (truth) {
-    for (Timestamp t = 0; t <= static_cast<Timestamp>(o.sensor.duration_s * 1e6); t += 1000)
-      for (const auto& [id, motion] : targets)
-        truth->write({.id = id,
-                      .t = t,
-                      .T_camera_marker = motion(1e-6 * static_cast<double>(t)),
-                      .quality = {.state = TrackingState::tracking}});
-    truth->close();
-  }
+  const bool interrupted = interruption::requested;
+  if (truth) write_truth(*truth, targets, interrupted ? simulator.now() : duration);
   recording.close();
   std::printf("%s: %llu events, up to %.0f px/s, markers of about %.0f px\n", o.recording.c_str(),
               static_cast<unsigned long long>(recording.events_written()), simulator.peak_speed_px_per_s(),
               o.focal_px * scene.front().length / o.distance_m);
+  if (!interrupted) return;
+  std::vector<std::string> kept{std::to_string(recording.events_written()) + " events in " + o.recording};
+  if (truth) kept.push_back(std::to_string(truth->poses_written()) + " poses in " + o.truth);
+  interruption::end(1e-6 * static_cast<double>(simulator.now()), kept);
 }
 
 }  // namespace

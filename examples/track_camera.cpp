@@ -1,9 +1,7 @@
 // Tracks the markers that a camera sees, or any file that OpenEB opens, while they are shown on the screen.
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cinttypes>
-#include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -21,6 +19,7 @@
 #include <vector>
 
 #include "console.hpp"
+#include "interruption.hpp"
 #include "live_options.hpp"
 #include "openeb_source.hpp"
 #include "recording_checks.hpp"
@@ -31,8 +30,6 @@ using namespace evmarker;
 using namespace std::chrono_literals;
 
 namespace {
-
-std::atomic<bool> interrupted{false};
 
 struct CameraOptions : LiveOptions {
   std::string serial;
@@ -172,20 +169,11 @@ class Display {
   EventTap tap_;
 };
 
-// Ends `watch`; a second signal ends the program at once.
-void stop_on_signals() {
-  for (const int signal : {SIGINT, SIGTERM})
-    std::signal(signal, [](int caught) {
-      interrupted = true;
-      std::signal(caught, SIG_DFL);
-    });
-}
-
 // Shows the tracking until the events end, the window is closed or a signal comes.
 template <typename Pipeline, typename ModelOf>
 void watch(OpenEbSource& source, const Pipeline& pipeline, Display& display, const ModelOf& model_of, bool quiet) {
   StatusLines lines;
-  while (source.running() && !interrupted && !display.closed()) {
+  while (source.running() && !interruption::requested && !display.closed()) {
     const live::Status status = pipeline.status();
     if (!status.error.empty()) break;
     const auto until = live::Clock::now() + 40ms;
@@ -199,6 +187,8 @@ void watch(OpenEbSource& source, const Pipeline& pipeline, Display& display, con
 
 template <PoseUpdateRule Rule>
 void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+  require_distinct(options.files_read(), {{"--output", options.output}});
+  interruption::watch();
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   auto detector = options.detector(camera);
   Display display(camera, !options.no_display);
@@ -222,20 +212,24 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     OpenEbSource& source;
     ~Stop() { source.stop(); }
   } stop{source};
-  stop_on_signals();
+  const auto start = live::Clock::now();
   live::lower_priority_of_this_thread();  // drawing may wait
   watch(
       source, pipeline, display, [&](MarkerId id) { return detector.model(id); }, options.quiet);
 
-  const bool ended = !source.running();
+  const bool ended = !source.running(), interrupted = interruption::requested;
   source.stop();
   pipeline.flush();
   pipeline.stop();
   if (output) output->close();  // after a failure of the camera, too: what was tracked until then is right
   if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
   if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and gave no reason");
-  std::printf("ended: %s\n", ended ? "end of the file" : interrupted ? "interrupted" : "window closed");
+  if (!interrupted) std::printf("ended: %s\n", ended ? "end of the file" : "window closed");
   print_last_line(pipeline.status());
+  if (!interrupted) return;
+  std::vector<std::string> kept;
+  if (output) kept.push_back(std::to_string(output->poses_written()) + " poses in " + options.output);
+  interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), kept);
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 
 #include "console.hpp"
 #include "followed_body.hpp"
+#include "interruption.hpp"
 #include "recording_checks.hpp"
 #include "text_options.hpp"
 #include "track_options.hpp"
@@ -46,6 +47,13 @@ struct TrackFileOptions : TrackOptions {
         ->check(CLI::Range(1.0, 1000.0))
         ->capture_default_str();
     app.add_flag("--show", view.show, "show the same in a window, at the recording's pace");
+    app.footer(console::exit_codes("2 no marker or body was found, "));
+  }
+
+  void require_distinct_files() const {
+    std::vector<FileOption> read = files_read();
+    read.insert(read.end(), {{"--truth", truth}, {"--wireframe", wireframe}});
+    require_distinct(read, {{"--output", output}, {"--overlay", view.overlay}, {"--video", view.video}});
   }
 
   /// @throws std::invalid_argument where other markers are to be tracked beside a body
@@ -62,31 +70,51 @@ class Run {
   Run(const TrackFileOptions& options, const PinholeCamera& camera, io::PoseColumns columns)
       : options_(options),
         viewer_(camera, options.view),  // before there are other threads
-        recording_(options.recording, {.sensor_size = camera.sensor_size(), .text_layout = options.text.layout()}) {
-    recording_checks::require_size(recording_.sensor_size(), options.recording, camera.sensor_size(), options.camera);
+        recording_(
+            recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout())) {
     if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
     output_ = options.open_output(columns);
   }
 
   /// @param model_of gives the model of a marker's id
   /// @param if_none what to say where there was no pose
+  /// @throws console::Exit where there was none, or the program was interrupted; all files are complete
   template <typename AnyTracker, typename ModelOf>
   void operator()(AnyTracker& tracker, const ModelOf& model_of, const char* if_none) {
     const auto start = std::chrono::steady_clock::now();
     push_all(tracker, model_of);
     const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
-    recording_checks::require_sane(recording_, options_.recording, options_.camera, true);
-    if (truth_) summary_.require_compared(options_.truth);
+    const bool interrupted = interruption::requested;
+    io::RecordingStatistics statistics = recording_.statistics();
+    if (interrupted) {
+      statistics.truncated_bytes = 0;  // it is not the recording that ends there
+    } else {
+      recording_checks::require_sane(recording_, options_.recording, options_.camera, true);
+      if (truth_) summary_.require_compared(options_.truth);
+    }
     viewer_.finish(tracker, model_of);
     if (output_) output_->close();
-    summary_.print(recording_.statistics(), tracker.statistics(), wall.count(), if_none);
+    summary_.print(statistics, tracker.statistics(), wall.count());
+    if (interrupted) interruption::end(summary_.recorded_s(), kept());
+    if (summary_.poses() == 0) throw console::Exit(kNothingFound, if_none);
   }
 
  private:
+  static constexpr int kNothingFound = 2;
+
+  std::vector<std::string> kept() const {
+    std::vector<std::string> files;
+    if (output_) files.push_back(std::to_string(output_->poses_written()) + " poses in " + options_.output);
+    for (const std::string& file : {options_.view.overlay, options_.view.video})
+      if (!file.empty()) files.push_back(file);
+    return files;
+  }
+
   template <typename AnyTracker, typename ModelOf>
   void push_all(AnyTracker& tracker, const ModelOf& model_of) {
     console::ProgressBar progress(options_.quiet);
-    for (auto batch = recording_.next_batch(); !batch.empty(); batch = recording_.next_batch()) {
+    for (auto batch = recording_.next_batch(); !batch.empty() && !interruption::requested;
+         batch = recording_.next_batch()) {
       recording_checks::require_sane(recording_, options_.recording, options_.camera, false);
       for (std::span<const Event> left = batch; !left.empty();) {
         viewer_.advance(left.front().t, tracker, model_of);
@@ -113,6 +141,8 @@ class Run {
 
 template <PoseUpdateRule Rule>
 void track(const TrackFileOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+  options.require_distinct_files();
+  interruption::watch();
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   const TrackerSettings<Rule> settings = options.settings<Rule>(rule);
   if (!options.wireframe.empty()) {

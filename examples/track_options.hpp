@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "console.hpp"
+#include "distinct_files.hpp"
 
 struct TrackOptions {
   std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output;
@@ -30,7 +31,7 @@ struct TrackOptions {
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->capture_default_str();
     app.add_option("--marker-length", marker_length, "side of the black square [m]; not needed to track boards alone")
-        ->check(console::positive_number());
+        ->check(console::marker_length());
     app.add_option("--board", boards, "board of markers to track as one, a YAML file; may be given again");
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update,
@@ -46,6 +47,13 @@ struct TrackOptions {
         ->default_str(console::automatic_or(filter_window_us));
     app.add_option("--output", output, "poses of every marker as CSV");
     app.add_flag("--quiet", quiet, "no progress bar");
+    app.footer(console::exit_codes());
+  }
+
+  std::vector<FileOption> files_read() const {
+    std::vector<FileOption> files{{"the recording", recording}, {"--camera", camera}};
+    for (const std::string& board : boards) files.push_back({"--board", board});
+    return files;
   }
 
   template <evmarker::PoseUpdateRule Rule>

@@ -31,6 +31,12 @@ class TrackSummary {
     compared_ += truth.has_value();
   }
 
+  std::uint64_t poses() const { return poses_; }
+  /// From the first event to the last [s].
+  double recorded_s() const {
+    return end_ < begin_ ? 0 : 1e-6 * static_cast<double>(evmarker::elapsed_us(begin_, end_));
+  }
+
   /// @throws std::runtime_error where there are poses, but none of their markers is in the truth
   void require_compared(const std::string& truth_path) const {
     if (poses_ == 0 || compared_ > 0) return;
@@ -40,9 +46,8 @@ class TrackSummary {
                              " poses of marker " + ids);
   }
 
-  /// @param if_none what to say where there was no pose
   void print(const evmarker::io::RecordingStatistics& recording, const evmarker::TrackerStatistics& tracker,
-             double wall_s, const char* if_none) const {
+             double wall_s) const {
     const auto share = [&](std::uint64_t n) {
       return 100.0 * static_cast<double>(n) / static_cast<double>(tracker.events);
     };
@@ -53,9 +58,7 @@ class TrackSummary {
                   tracker.events, kept, share(kept), tracker.matched, share(tracker.matched));
     print_faults(recording);
     for (const auto& [id, marker] : markers_) print(id, marker);
-    if (markers_.empty()) std::puts(if_none);
-    const double recorded_s = static_cast<double>(end_ - begin_) * 1e-6;
-    std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s);
+    std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s());
   }
 
  private:
@@ -91,7 +94,7 @@ class TrackSummary {
 
   void print(evmarker::MarkerId id, const Marker& marker) const {
     std::printf("marker %-3d %" PRIu64 " poses, the first at %.3f s, %s\n", id, marker.poses,
-                static_cast<double>(marker.first_t - begin_) * 1e-6, text(marker.losses).c_str());
+                static_cast<double>(evmarker::elapsed_us(begin_, marker.first_t)) * 1e-6, text(marker.losses).c_str());
     if (marker.accuracy.tracking() == 0) return;
     const auto mm = marker.accuracy.translation_mm(), deg = marker.accuracy.rotation_deg();
     std::printf("           error %.2f mm %.2f deg mean, %.2f mm %.2f deg median, %.2f mm %.2f deg at 95 %%\n", mm.mean,

@@ -65,14 +65,15 @@ class TrackingView {
  private:
   // Rates of camera time, over a time long enough to read them.
   void measure(evmarker::Timestamp t, std::uint64_t events) {
-    constexpr evmarker::Timestamp kPeriod_us = 250000;
+    constexpr std::uint64_t kPeriod_us = 250000;
     if (!since_ || t < *since_) {
       since_ = t;
       events_ = events;
       return;
     }
-    if (t < *since_ + kPeriod_us) return;
-    const double seconds = 1e-6 * static_cast<double>(t - *since_);
+    const std::uint64_t since_us = evmarker::elapsed_us(*since_, t);
+    if (since_us < kPeriod_us) return;
+    const double seconds = 1e-6 * static_cast<double>(since_us);
     event_rate_ = static_cast<double>(events - events_) / seconds;
     pose_rates_.clear();
     const std::lock_guard lock(mutex_);

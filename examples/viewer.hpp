@@ -52,18 +52,20 @@ class Viewer {
   /// Takes every frame that is due before an event of time `t`; `model_of` gives the model of a marker's id.
   template <typename Tracker, typename ModelOf>
   void advance(evmarker::Timestamp t, const Tracker& tracker, const ModelOf& model_of) {
-    constexpr evmarker::Timestamp kStepBack_us = 100000, kJump_us = 1000000;  // the clock was set, no time passed
+    using evmarker::elapsed_us;
+    constexpr std::uint64_t kStepBack_us = 100000, kJump_us = 1000000;  // the clock was set, no time passed
     if (!wanted_) return;
-    if (!started_ || t < last_t_ - kStepBack_us || t > last_t_ + kJump_us) restart(t);
+    const bool jumped = t < last_t_ ? elapsed_us(t, last_t_) > kStepBack_us : elapsed_us(last_t_, t) > kJump_us;
+    if (!started_ || jumped) restart(t);
     last_t_ = std::max(last_t_, t);
-    for (; next_t_ <= t; next_t_ = frame_t(++frames_since_start_ + 1)) take(tracker, model_of);
+    for (; due(t); next_us_ = frame_us(++frames_since_start_ + 1)) take(tracker, model_of);
   }
 
   /// The first of some events, and those after it that come before a frame is due.
   std::span<const evmarker::Event> before_next_frame(std::span<const evmarker::Event> events) const {
     if (!wanted_) return events;
     std::size_t count = 1;
-    while (count < events.size() && events[count].t < next_t_ && events[count].t >= last_t_) ++count;
+    while (count < events.size() && !due(events[count].t) && events[count].t >= last_t_) ++count;
     return events.first(count);
   }
 
@@ -86,13 +88,15 @@ class Viewer {
     started_ = true;
     start_t_ = last_t_ = t;
     frames_since_start_ = 0;
-    next_t_ = frame_t(1);
+    next_us_ = frame_us(1);
   }
 
-  // From the start, so that a period which is no whole microsecond adds up.
-  evmarker::Timestamp frame_t(std::uint64_t number) const {
-    return start_t_ + static_cast<evmarker::Timestamp>(std::llround(static_cast<double>(number) * period_us_));
+  // Time of a frame since the start, so that a period which is no whole microsecond adds up.
+  std::uint64_t frame_us(std::uint64_t number) const {
+    return static_cast<std::uint64_t>(std::llround(static_cast<double>(number) * period_us_));
   }
+
+  bool due(evmarker::Timestamp t) const { return t >= start_t_ && evmarker::elapsed_us(start_t_, t) >= next_us_; }
 
   template <typename Tracker, typename ModelOf>
   void take(const Tracker& tracker, const ModelOf& model_of) {
@@ -123,8 +127,8 @@ class Viewer {
   std::optional<Window> window_;
 
   bool started_ = false;
-  evmarker::Timestamp start_t_ = 0, last_t_ = 0, next_t_ = 0;
-  std::uint64_t frames_since_start_ = 0;
+  evmarker::Timestamp start_t_ = 0, last_t_ = 0;
+  std::uint64_t frames_since_start_ = 0, next_us_ = 0;
   bool shows_marker_ = false;
   cv::Mat picture_;
   std::chrono::steady_clock::time_point shown_until_{};

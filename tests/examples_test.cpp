@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
@@ -20,13 +21,16 @@
 #include <numbers>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <random>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
 
+#include "evmarker/io/csv_writer.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "evmarker/opencv/calibration.hpp"
@@ -74,15 +78,85 @@ struct Result {
   std::string out, err;
 };
 
-/// Runs `track_file recording.raw ...` and the like in a folder.
-Result run(const TemporaryFolder& folder, const std::string& command, const std::string& err_to = "stderr.txt") {
+/// `track_file recording.raw ...` and the like with the program's path.
+std::string with_path(const std::string& command) {
   const auto space = std::min(command.find(' '), command.size());
-  const std::string line = "cd '" + (folder / "").string() + "' && '" + kPrograms.at(command.substr(0, space)) + "'" +
-                           command.substr(space) + " >stdout.txt 2>" + err_to;
-  const int status = std::system(line.c_str());
+  return "'" + kPrograms.at(command.substr(0, space)) + "'" + command.substr(space);
+}
+
+Result result_of(const TemporaryFolder& folder, int status) {
   return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(folder / "stdout.txt"),
           read_file(folder / "stderr.txt")};
 }
+
+/// Runs `track_file recording.raw ...` and the like in a folder, reading what `input` prints.
+Result run(const TemporaryFolder& folder, const std::string& command, const std::string& err_to = "stderr.txt",
+           const std::string& input = "") {
+  const std::string line =
+      "cd '" + (folder / "").string() + "' && " + input + with_path(command) + " >stdout.txt 2>" + err_to;
+  return result_of(folder, std::system(line.c_str()));
+}
+
+/// A program that runs beside the test, and receives signals.
+class Child {
+ public:
+  Child(const TemporaryFolder& folder, const std::string& command)
+      : folder_(folder),
+        line_("cd '" + (folder / "").string() + "' && exec " + with_path(command) + " >stdout.txt 2>stderr.txt") {
+    int until_exec[2];  // until then, it catches signals as the test does
+    REQUIRE(::pipe2(until_exec, O_CLOEXEC) == 0);
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      ::signal(SIGINT, SIG_DFL);  // a test in the background may ignore it
+      ::execl("/bin/sh", "sh", "-c", line_.c_str(), nullptr);
+      ::_exit(127);
+    }
+    ::close(until_exec[1]);
+    char none = 0;
+    CHECK(::read(until_exec[0], &none, 1) == 0);
+    ::close(until_exec[0]);
+  }
+  ~Child() {
+    if (running()) ::kill(pid_, SIGKILL);
+    wait();
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+  bool running() {
+    if (!status_ && ::waitpid(pid_, &ended_, WNOHANG) == pid_) status_ = ended_;
+    return !status_;
+  }
+
+  /// Waits for something that the program does; false if it ends without.
+  bool wait_until(const std::function<bool()>& done) {
+    while (running() && !done()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    return done();
+  }
+
+  /// True while the program does not leave a signal to the system.
+  bool catches(int signal) const {
+    const std::string status = read_file("/proc/" + std::to_string(pid_) + "/status");
+    const auto at = status.find("SigCgt:");
+    return at != std::string::npos && (std::stoull(status.substr(at + 7), nullptr, 16) >> (signal - 1) & 1) != 0;
+  }
+
+  void kill(int signal) { ::kill(pid_, signal); }
+
+  Result wait() {
+    if (running() && ::waitpid(pid_, &ended_, 0) == pid_) status_ = ended_;
+    return result_of(folder_, *status_);
+  }
+  /// The signal that ended it, or 0.
+  int ended_by() const { return WIFSIGNALED(*status_) ? WTERMSIG(*status_) : 0; }
+
+ private:
+  const TemporaryFolder& folder_;
+  std::string line_;
+  pid_t pid_ = -1;
+  int ended_ = 0;
+  std::optional<int> status_;
+};
 
 /// Recording, calibration and truth, simulated once.
 const TemporaryFolder& simulated() {
@@ -604,8 +678,200 @@ TEST_CASE("examples: the guide's board and wireframe are read by the programs") 
   CHECK_MESSAGE(made.code == 0, made.err);
   for (const char* target : {"--board board.yml", "--wireframe body.yml"}) {
     const Result tracked = run(folder, std::string("track_file b.raw --camera b.yml ") + target);
-    CHECK_MESSAGE(tracked.code == 0, tracked.err);
+    CHECK_MESSAGE(tracked.code != 1, tracked.err);  // too short to find anything
   }
+}
+
+namespace {
+
+/// The simulated recording, calibration and truth, by symlinks.
+void link_simulated(const TemporaryFolder& folder) {
+  for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
+    std::filesystem::create_symlink(simulated() / name, folder / name);
+}
+
+/// The simulated recording as text.
+std::string simulated_text() {
+  const TemporaryFolder folder;
+  evmarker::io::RawReader reader(simulated() / "recording.raw");
+  evmarker::io::CsvWriter writer(folder / "recording.csv", reader.sensor_size());
+  writer.write(drain(reader));
+  writer.close();
+  return read_file(folder / "recording.csv");
+}
+
+bool is_filled(const std::filesystem::path& path) {
+  std::error_code none;
+  const auto bytes = std::filesystem::file_size(path, none);
+  return !none && bytes > 0;
+}
+
+}  // namespace
+
+TEST_CASE("examples: a pipe and a FIFO give the poses of the file, RAW and text") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  write_file(folder / "recording.csv", simulated_text());
+  const Result whole = run(folder, "track_file recording.raw" + kOptions + " --output whole.csv");
+  REQUIRE_MESSAGE(whole.code == 0, whole.err);
+  const std::string events = whole.out.substr(0, whole.out.find(" read"));
+  const auto check = [&](const Result& result) {
+    CHECK_MESSAGE(result.code == 0, result.err);
+    CHECK(result.out.substr(0, result.out.find(" read")) == events);
+    CHECK(read_file(folder / "poses.csv") == read_file(folder / "whole.csv"));
+  };
+  for (const char* name : {"recording.raw", "recording.csv"}) {
+    CAPTURE(name);
+    check(run(folder, "track_file /dev/stdin" + kOptions + " --output poses.csv", "stderr.txt",
+              std::string("cat ") + name + " | "));
+    {
+      Fifo fifo(folder / "fifo", read_file(folder / name));
+      auto end = std::async(std::launch::async, [&] { fifo.end(); });
+      check(run(folder, "track_file fifo" + kOptions + " --output poses.csv"));
+    }
+    std::filesystem::remove(folder / "fifo");
+  }
+}
+
+TEST_CASE("examples: track_file keeps its poses when it is interrupted") {
+  for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
+    const TemporaryFolder folder;
+    link_simulated(folder);
+    const Result whole = run(folder, "track_file recording.raw" + kOptions + " --output whole.csv");
+    REQUIRE_MESSAGE(whole.code == 0, whole.err);
+    const Fifo fifo(folder / "fifo", read_file(folder / "recording.raw"));  // which stays open
+    Child child(folder, "track_file fifo" + kOptions + " --output poses.csv --overlay overlay.png --truth truth.csv");
+    REQUIRE(child.wait_until([&] { return is_filled(folder / "poses.csv.part"); }));
+    child.kill(signal);
+    const Result result = child.wait();
+    CHECK_MESSAGE(result.code == code, result.err);
+    const std::string poses = read_file(folder / "poses.csv");
+    CHECK(poses.ends_with('\n'));
+    CHECK(read_file(folder / "whole.csv").starts_with(poses));
+    CHECK(std::ranges::count(result.err, '\n') == 1);
+    CHECK_MESSAGE(result.err.starts_with("track_file: interrupted after 0."), result.err);
+    CHECK_MESSAGE(result.err.ends_with(" s of the recording: kept " + std::to_string(read_table(poses).size()) +
+                                       " poses in poses.csv, overlay.png\n"),
+                  result.err);
+    CHECK(read_table(poses).size() > 100);
+    CHECK(contains(result.out, "marker 7 "));
+    CHECK(is_filled(folder / "overlay.png"));
+    CHECK(folder.files() == 9);  // three links, two tables, picture, FIFO, stdout and stderr: no parts
+  }
+}
+
+TEST_CASE("examples: an interruption ends the waiting for a FIFO, and a second one the program at once") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  const Fifo silent(folder / "silent", "");
+  {
+    Child child(folder, "track_file silent" + kOptions + " --output poses.csv --overlay overlay.png");
+    REQUIRE(child.wait_until([&] { return child.catches(SIGINT); }));
+    child.kill(SIGINT);
+    const Result result = child.wait();
+    CHECK(result.code == 130);
+    CHECK(result.err == "track_file: interrupted after 0.00 s of the recording\n");
+    CHECK(folder.files() == 6);
+  }
+  // Reading the truth is not interrupted.
+  Child child(folder, "track_file recording.raw" + kOptions + " --truth silent");
+  REQUIRE(child.wait_until([&] { return child.catches(SIGINT); }));
+  child.kill(SIGINT);
+  REQUIRE(child.wait_until([&] { return !child.catches(SIGINT); }));
+  child.kill(SIGINT);
+  child.wait();
+  CHECK(child.ended_by() == SIGINT);
+}
+
+TEST_CASE("examples: simulate keeps the recording and its truth when it is interrupted") {
+  const TemporaryFolder folder;
+  Child child(folder, "simulate long.raw --duration 100000 --truth truth.csv --noise 10");
+  REQUIRE(child.wait_until([&] { return is_filled(folder / "long.raw.part"); }));
+  child.kill(SIGTERM);
+  const Result result = child.wait();
+  CHECK_MESSAGE(result.code == 143, result.err);
+  evmarker::io::RawReader reader(folder / "long.raw");
+  const auto events = drain(reader);
+  CHECK(reader.statistics().truncated_bytes == 0);
+  const auto truth = read_table(read_file(folder / "truth.csv"));
+  REQUIRE(!events.empty());
+  CHECK(std::abs(static_cast<double>(events.back().t) - truth.back().t_us) < 10000);
+  CHECK_MESSAGE(
+      contains(result.err, " s of the recording: kept " + std::to_string(events.size()) + " events in long.raw, " +
+                               std::to_string(truth.size()) + " poses in truth.csv\n"),
+      result.err);
+  CHECK(folder.files() == 5);  // with the calibration, stdout and stderr
+}
+
+TEST_CASE("examples: replay keeps its poses and delays when it is interrupted") {
+  if (kPrograms.at("replay").empty()) {
+    MESSAGE("skipped: built without the component live");
+    return;
+  }
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  Child child(folder, "replay recording.raw" + kOptions + " --speed 0.0001 --output poses.csv --delays delays.csv");
+  REQUIRE(child.wait_until([&] { return std::filesystem::exists(folder / "delays.csv.part"); }));
+  child.kill(SIGINT);
+  const Result result = child.wait();
+  CHECK_MESSAGE(result.code == 130, result.err);
+  const auto poses = read_table(read_file(folder / "poses.csv"));
+  CHECK_MESSAGE(contains(result.err, ": kept " + std::to_string(poses.size()) + " poses in poses.csv, "), result.err);
+  CHECK(read_file(folder / "delays.csv").starts_with("time_s,delay_ms\n"));
+  CHECK(folder.files() == 7);
+}
+
+TEST_CASE("examples: no file is overwritten by way of a link, and a link stays") {
+  const TemporaryFolder folder;
+  for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
+    std::filesystem::copy(simulated() / name, folder / name);
+  std::filesystem::create_hard_link(folder / "recording.raw", folder / "hard");
+  std::filesystem::create_symlink("recording.raw", folder / "soft");
+  std::filesystem::create_symlink("new.csv", folder / "to_new");
+  const std::string track = "track_file recording.raw" + kOptions;
+  for (const char* output : {"hard", "soft", "./recording.raw"}) {
+    const Result result = run(folder, track + " --output " + output);
+    CHECK(result.code == 1);
+    CHECK_MESSAGE(contains(result.err, std::string("--output ") + output + " would overwrite the recording"),
+                  result.err);
+    CHECK(read_file(folder / "recording.raw") == simulated_file("recording.raw"));
+  }
+  const Result twice = run(folder, track + " --output to_new --overlay new.csv");
+  CHECK_MESSAGE(contains(twice.err, "--overlay new.csv would overwrite --output to_new"), twice.err);
+  CHECK(folder.files() == 8);
+
+  const Result linked = run(folder, track + " --output to_new");
+  CHECK_MESSAGE(linked.code == 0, linked.err);
+  CHECK(std::filesystem::is_symlink(folder / "to_new"));
+  CHECK(is_filled(folder / "new.csv"));
+  const Result nowhere = run(folder, track + " --output /dev/null --overlay overlay.png");
+  CHECK_MESSAGE(nowhere.code == 0, nowhere.err);
+}
+
+TEST_CASE("examples: where no marker is found, track_file says so with an exit code of its own") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  const Result none = run(folder, "track_file recording.raw" + kOptions + " --ids 3 --output poses.csv");
+  CHECK(none.code == 2);
+  CHECK_MESSAGE(none.err.starts_with("track_file: no marker was found: "), none.err);
+  CHECK(contains(none.out, " read, "));
+  CHECK(read_table(read_file(folder / "poses.csv")).empty());
+  const Result help = run(folder, "track_file --help");
+  CHECK_MESSAGE(contains(help.out, "2 no marker or body was found"), help.out);
+  CHECK_MESSAGE(contains(help.out, "130 or 143 interrupted"), help.out);
+}
+
+TEST_CASE("examples: times at both ends of their range are survived") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  const std::string first = "-9223372036854775808", last = "9223372036854775807";
+  std::string text;
+  for (const std::string& t : {first, last, first, std::string("0"), last, last, std::string("0"), first})
+    for (const char* x : {"100", "101", "102"}) text += std::string(x) + ",100,1," + t + "\n";
+  write_file(folder / "a.csv", text);
+  const Result result = run(folder, "track_file a.csv" + kOptions + " --output poses.csv --overlay overlay.png");
+  CHECK_MESSAGE(result.code == 2, result.err);
+  CHECK(contains(result.out, "24 read"));
 }
 
 TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
@@ -643,6 +909,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        replaced(calibration, "[ 533.,", "[ .Nan,")},
       {with_camera + "c.yml", {"c.yml", "image_width", "-640"}, "c.yml", replaced(calibration, "640", "-640")},
       {with_camera + "c.yml", {"c.yml"}, "c.yml", random_bytes(500)},
+      {with_camera + "c.yml", {"c.yml", "nested"}, "c.yml", "a: " + std::string(300000, '[') + "\n"},
       {with_camera + "c.yml",
        {"recording.raw", "640 x 480", "image_width", "c.yml", "320 x 480"},
        "c.yml",
@@ -651,10 +918,32 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {"track_file recording.raw --camera camera.yml --marker-length -0.1", {"--marker-length", "-0.1"}},
       {"track_file recording.raw --camera camera.yml --marker-length nan", {"--marker-length", "nan"}},
       {"track_file recording.raw --camera camera.yml --marker-length wide", {"--marker-length", "wide"}},
+      {"track_file recording.raw --camera camera.yml --marker-length 100",
+       {"--marker-length", "100 is taken as metres", "for 100 mm give 0.1"}},
+      {"track_file recording.raw --camera camera.yml --marker-length 0.0005",
+       {"--marker-length", "0.0005 is taken as metres", "from 0.001"}},
+      {simulate + " --marker-length 35", {"--marker-length", "for 35 mm give 0.035"}},
+      {track + " --output recording.raw", {"--output recording.raw", "the recording recording.raw"}},
+      {track + " --output ./camera.yml", {"--output ./camera.yml", "--camera camera.yml"}},
+      {track + " --truth truth.csv --output truth.csv", {"--output truth.csv", "--truth truth.csv"}},
+      {track + " --output o.png --overlay ./o.png", {"--overlay ./o.png", "--output o.png"}},
+      {track + " --output o.mp4 --video o.mp4", {"--video o.mp4", "--output o.mp4"}},
+      {track + " --output stdout.txt", {"--output stdout.txt", "the standard output"}},
+      {track + " --board b.yml --output b.yml", {"--output b.yml", "--board b.yml"}, "b.yml", kBoard},
+      {alone + " --wireframe w.yml --output w.yml", {"--output w.yml", "--wireframe w.yml"}, "w.yml", kBody},
+      {track_this("p.csv.part") + " --output p.csv",
+       {"--output p.csv", "the recording p.csv.part"},
+       "p.csv.part",
+       text_events(100, 100)},
+      {"simulate new.yml --duration 0.02", {"--camera new.yml", "the recording new.yml"}},
+      {simulate + " --truth ./new.raw", {"--truth ./new.raw", "the recording new.raw"}},
+      {"simulate b.raw --board b.yml --duration 0.02", {"--camera b.yml", "--board b.yml"}, "b.yml", kBoard},
+      {"evaluate truth.csv --truth truth.csv --errors truth.csv", {"--errors truth.csv", "poses truth.csv"}},
       {track_this("cut.raw"), {"cut.raw", "header"}, "cut.raw", whole.substr(0, 40)},
       {track_this("none.raw"), {"none.raw", "no events"}, "none.raw", with_body(body(""))},
       {track_this("garbled.raw"), {"garbled.raw", "% format"}, "garbled.raw", random_bytes(20000)},
       {track_this("garbled.raw"), {"garbled.raw", "garbled"}, "garbled.raw", with_body(body(random_bytes(200000)))},
+      {track_this("gz.raw"), {"gz.raw", "gzip", "gunzip <gz.raw"}, "gz.raw", "\x1f\x8b\x08" + random_bytes(500)},
       {track_this("evt4.raw"), {"evt4.raw", "EVT4"}, "evt4.raw", replaced(whole.substr(0, 400), "EVT3", "EVT4")},
       {track_this("off.csv"), {"off.csv", "100 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 0)},
       {track_this("off.csv"), {"off.csv", "50 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 50)},
@@ -766,8 +1055,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   for (const auto& [command, told, file, content] : cases) {
     CAPTURE(command);
     const TemporaryFolder folder;
-    for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
-      std::filesystem::create_symlink(simulated() / name, folder / name);
+    link_simulated(folder);
     if (!file.empty()) write_file(folder / file.c_str(), content);
     std::string line = command;
     if (line.starts_with("track_file")) {
@@ -824,14 +1112,14 @@ TEST_CASE("examples: text without geometry takes the camera's size, few events o
   write_file(folder / "camera.yml", simulated_file("camera.yml"));
   write_file(folder / "a.csv", text_events(1000, 1000));
   const Result good = run(folder, "track_file a.csv" + kOptions + " --output poses.csv");
-  CHECK_MESSAGE(good.code == 0, good.err);
+  CHECK_MESSAGE(good.code == 2, good.err);  // no marker
   CHECK(contains(good.out, "1000 read"));
   CHECK_FALSE(contains(good.out, "off the sensor"));
   CHECK(read_table(read_file(folder / "poses.csv")).empty());
 
   write_file(folder / "a.csv", text_events(1000, 998));
   const Result few = run(folder, "track_file a.csv" + kOptions);
-  CHECK_MESSAGE(few.code == 0, few.err);
+  CHECK_MESSAGE(few.code == 2, few.err);
   CHECK(contains(few.out, "998 read"));
   CHECK(contains(few.out, "2 events off the sensor"));
 }
@@ -863,7 +1151,7 @@ TEST_CASE("examples: the columns and the unit of time of text can be given") {
 
 TEST_CASE("examples: a progress bar on a terminal, none if told to be quiet") {
   // A pseudo terminal takes stderr; what it is sent is read on the fly, for its buffer is small.
-  const auto on_terminal = [](const std::string& options) {
+  const auto on_terminal = [](const std::string& recording, const std::string& options = "") {
     const int terminal = ::posix_openpt(O_RDWR | O_NOCTTY);
     REQUIRE(terminal >= 0);
     REQUIRE(::grantpt(terminal) == 0);
@@ -871,7 +1159,7 @@ TEST_CASE("examples: a progress bar on a terminal, none if told to be quiet") {
     const std::string name = ::ptsname(terminal);
     const int held = ::open(name.c_str(), O_RDWR | O_NOCTTY);  // or reading ends with the program
     auto result = std::async(std::launch::async, [&] {
-      return run(simulated(), "track_file recording.raw" + kOptions + options, name).code;
+      return run(simulated(), "track_file " + recording + kOptions + options, name, "cat recording.raw | ").code;
     });
     std::string shown;
     const auto read_shown = [&](int wait_ms) {
@@ -890,9 +1178,12 @@ TEST_CASE("examples: a progress bar on a terminal, none if told to be quiet") {
     CHECK(result.get() == 0);
     return shown;
   };
-  const std::string bar = on_terminal("");
+  const std::string bar = on_terminal("recording.raw");
   CHECK(contains(bar, "\r[####################                    ]  50 %"));
   CHECK(contains(bar, "100 %"));
   CHECK(bar.ends_with("\r\033[K"));  // wiped
-  CHECK(on_terminal(" --quiet").empty());
+  CHECK(on_terminal("recording.raw", " --quiet").empty());
+  const std::string megabytes = on_terminal("/dev/stdin");  // of a size that is not known
+  CHECK_MESSAGE(megabytes.starts_with("\r0 MB\r1 MB"), megabytes);
+  CHECK(megabytes.ends_with("\r\033[K"));
 }

@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <limits>
 #include <random>
 
 #include "evmarker/events/event_stream.hpp"
@@ -66,6 +67,15 @@ TEST_CASE("CsvReader: column names give order and unit") {
   CHECK(read("p,t_us,y,x\n1,100,6,5\n0,101,8,7\n") == expected);
   CHECK(read("x,y,polarity,timestamp [s]\n5,6,1,0.0001\n7,8,0,0.000101\n") == expected);
   CHECK(read("index,t,x,y,on\n0,100,5,6,1\n1,101,7,8,0\n") == expected);
+}
+
+TEST_CASE("CsvReader: times too far apart to be shifted are refused with their line") {
+  const std::string first = "1,1,1,-9223372036854775808\n", last = "1,1,1,9223372036854775807\n";
+  const CsvReaderOptions shift{.sensor_size = SensorSize{640, 480}, .shift_first_time_to_zero = true};
+  CHECK(contains(error_in(first + last, shift), "line 2: t is 9223372036854775807 us, too far from the first time"));
+  CHECK(contains(error_in(last + "1,1,1,-2\n", shift), "line 2: t is -2 us"));
+  CHECK(read(first + "1,1,1,-1\n", shift) == std::vector<Event>{{1, 1, 1, 0}, {1, 1, 1, 9223372036854775807}});
+  CHECK(read(last + "1,1,1,-1\n", shift).back().t == std::numeric_limits<Timestamp>::min());
 }
 
 TEST_CASE("CsvReader: options have precedence over what is recognised") {

@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <future>
+
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/io/csv_writer.hpp"
 #include "evmarker/io/raw_writer.hpp"
@@ -32,6 +34,49 @@ TEST_CASE("EventReader: the same events from RAW and text, whatever the file nam
   }
 }
 
+TEST_CASE("EventReader: a FIFO yields the events of the file, RAW and text, long and short") {
+  const TemporaryFolder folder;
+  for (const std::size_t count : {std::size_t{3}, std::size_t{3000}, std::size_t{300000}}) {
+    const auto events = random_events({640, 480}, count, 4);
+    write_and_close(RawWriter(folder / "evt2", {640, 480}, RawFormat::evt2), events);
+    write_and_close(RawWriter(folder / "evt3", {640, 480}, RawFormat::evt3), events);
+    write_and_close(CsvWriter(folder / "text", {640, 480}), events);
+    for (const char* name : {"evt2", "evt3", "text"}) {
+      CAPTURE(name);
+      CAPTURE(count);
+      const auto path = folder / "fifo";
+      Fifo fifo(path, read_file(folder / name));
+      auto end = std::async(std::launch::async, [&] { fifo.end(); });
+      EventReader reader(path);
+      CHECK(reader.bytes_total() == 0);
+      CHECK(reader.sensor_size() == SensorSize{640, 480});
+      CHECK(drain(reader) == events);
+      CHECK(reader.bytes_read() == std::filesystem::file_size(folder / name));
+      end.get();
+      std::filesystem::remove(path);
+    }
+  }
+}
+
+TEST_CASE("EventReader: a silent FIFO prevents neither the end of the reader nor that of reading on request") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 100000, 5);
+  write_and_close(RawWriter(folder / "a.raw", {640, 480}, RawFormat::evt2), events);
+  REQUIRE(std::filesystem::file_size(folder / "a.raw") > 2 * BlockReader::kPipeBlockBytes);
+  const Fifo fifo(folder / "fifo", read_file(folder / "a.raw"));
+  {
+    EventReader reader(folder / "fifo");
+    CHECK_FALSE(reader.next_batch().empty());
+  }
+  const Fifo other(folder / "other", read_file(folder / "a.raw"));
+  std::atomic<bool> stop = false;
+  EventReader reader(folder / "other", {.stop = &stop});
+  CHECK_FALSE(reader.next_batch().empty());
+  auto rest = std::async(std::launch::async, [&] { return drain(reader).size(); });
+  stop = true;
+  CHECK(rest.get() < events.size());
+}
+
 TEST_CASE("EventReader: options reach the reader") {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "a.txt", "6 5 1 100\n");
@@ -57,6 +102,18 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
   CHECK(refuses<EventReader>(folder / "a.raw", "\x01\x02", "not a Prophesee RAW recording"));
   CHECK(refuses<EventReader>(folder / "a.csv", "", "a.csv: the file is empty"));
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
+}
+
+TEST_CASE("EventReader: what is compressed is called so, with the command that unpacks it") {
+  const TemporaryFolder folder;
+  CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw: is compressed by gzip, unpack it: gunzip <"));
+  CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw >unpacked_a.raw"));
+  CHECK(refuses<EventReader>(folder / "a", "\x28\xb5\x2f\xfd", "zstd, unpack it: unzstd <"));
+  CHECK(refuses<EventReader>(folder / "a.csv", "BZh91AY&SY", "bzip2, unpack it: bunzip2 <"));
+  CHECK(refuses<EventReader>(folder / "a.raw",
+                             "\xfd"
+                             "7zXZ",
+                             "xz, unpack it: unxz <"));
 }
 
 TEST_CASE("EventReader: real recordings") {

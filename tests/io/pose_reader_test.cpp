@@ -3,6 +3,8 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <future>
+#include <limits>
 #include <numbers>
 
 #include "io/test_support.hpp"
@@ -120,6 +122,28 @@ TEST_CASE("Trajectory: rotation beyond 180 degrees is interpolated along the sho
   b.T_camera_marker.linear() = Eigen::AngleAxisd(-3.0, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   const Eigen::Matrix3d half = Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   CHECK((Trajectory({a, b}).at(50)->linear() - half).norm() < 1e-12);
+}
+
+TEST_CASE("Trajectory: any two times can be interpolated") {
+  TimedPose a{.t = std::numeric_limits<Timestamp>::min()}, b{.t = std::numeric_limits<Timestamp>::max()};
+  b.T_camera_marker.translation() = Eigen::Vector3d(0, 0, 4);
+  const Trajectory trajectory({a, b});
+  CHECK(trajectory.at(0)->translation().z() == doctest::Approx(2));
+  CHECK(trajectory.at(a.t / 2)->translation().z() == doctest::Approx(1));
+}
+
+TEST_CASE("GroundTruth: a FIFO is read once") {
+  const TemporaryFolder folder;
+  const std::string tum = "# truth\n1 0 0 1 0 0 0 1\n2 0 0 3 0 0 0 1\n";
+  const std::string table = kColumns + "0,3,tracking,0,0,1,0,0,0,1,0,0,nan,nan\n";
+  for (const std::string& text : {tum, table}) {
+    Fifo fifo(folder / "fifo", text);
+    auto end = std::async(std::launch::async, [&] { fifo.end(); });
+    const GroundTruth truth = GroundTruth::read(folder / "fifo");
+    CHECK(truth.at(3, text == tum ? 1000000 : 0)->translation().z() == 1);
+    end.get();
+    std::filesystem::remove(folder / "fifo");
+  }
 }
 
 TEST_CASE("GroundTruth: TUM applies to any marker, a table to each of its markers") {

@@ -1,7 +1,13 @@
 #pragma once
 // What the io tests share: temporary folders, bytes of hand-made words, decoding and reading to the end, errors.
+#include <fcntl.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +16,8 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
@@ -55,6 +63,41 @@ inline std::string read_file(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(file), {}};
 }
+
+/// A FIFO to which a text is written as fast as it is read; it stays open, and its reader waits, until `end`.
+class Fifo {
+ public:
+  Fifo(const std::filesystem::path& path, std::string text) {
+    ::mkfifo(path.c_str(), 0600);
+    file_ = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+    writer_ = std::thread([this, text = std::move(text)] {
+      for (std::size_t done = 0; done < text.size() && !abandoned_;) {
+        const auto count = ::write(file_, text.data() + done, text.size() - done);
+        if (count > 0) done += static_cast<std::size_t>(count);
+        if (count < 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+    });
+  }
+  ~Fifo() {
+    abandoned_ = true;
+    end();
+  }
+  Fifo(const Fifo&) = delete;
+  Fifo& operator=(const Fifo&) = delete;
+
+  /// Waits until all is read, and closes it.
+  void end() {
+    if (writer_.joinable()) writer_.join();
+    for (int unread = 1; unread > 0 && !abandoned_; std::this_thread::sleep_for(std::chrono::milliseconds(1)))
+      ::ioctl(file_, FIONREAD, &unread);
+    if (file_ >= 0) ::close(std::exchange(file_, -1));
+  }
+
+ private:
+  int file_ = -1;
+  std::atomic<bool> abandoned_ = false;
+  std::thread writer_;
+};
 
 /// Little-endian bytes of words.
 template <typename Word>

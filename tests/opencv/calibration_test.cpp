@@ -188,6 +188,25 @@ TEST_CASE("each value that makes no sense is named with its field") {
                 "distortion_coefficients[5]", "0.125");
 }
 
+TEST_CASE("a file that is nested deeper than settings are is refused before OpenCV's parsers overflow the stack") {
+  const auto many = [](const std::string& part) {
+    std::string text;
+    for (int i = 0; i < 300000; ++i) text += part;
+    return text;
+  };
+  for (const std::string& text :
+       {"a: " + many("[") + many("]"), "a: " + many("{ a: ") + "1" + many("}"), "a:\n  " + many("- ") + "1",
+        many("a: ") + "1", "{\"a\":" + many("[") + many("]") + "}", "{\"a\":" + many("{\"a\":") + "1" + many("}") + "}",
+        "<?xml version=\"1.0\"?>\n<opencv_storage>" + many("<a>") + many("</a>") + "</opencv_storage>"})
+    CHECK(error_of(write("deep.yml", text)).find("nested more than 1000 levels deep") != std::string::npos);
+
+  // Long is not deep.
+  const std::string markers = many("{ id: 1, place: [1, 2] }, "), elements = many("<_><id>1</id><b>2</b></_>\n");
+  CHECK(error_of(write("long.yml", "markers: [" + markers + "1]\n")).find("no field") != std::string::npos);
+  CHECK(error_of(write("long.xml", "<?xml version=\"1.0\"?>\n<opencv_storage><a>" + elements + "</a></opencv_storage>"))
+            .find("no field") != std::string::npos);
+}
+
 TEST_CASE("a file that is no calibration is named") {
   CHECK(error_of(temporary("does_not_exist.yml")).find("cannot be read") != std::string::npos);
   error_of(std::filesystem::temp_directory_path().string());

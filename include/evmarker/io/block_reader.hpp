@@ -1,12 +1,16 @@
 #pragma once
 // A file in blocks: while one is decoded, the next is read on another thread.
+#include <fcntl.h>
+#include <poll.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <future>
 #include <memory>
 #include <span>
@@ -19,32 +23,47 @@
 
 namespace evmarker::io {
 
-/// Reads a file of any size through two buffers. Movable; not thread-safe.
+/// Reads a file of any size, a pipe or a FIFO once, from beginning to end, through two buffers. Movable; not
+/// thread-safe.
 class BlockReader {
  public:
   static constexpr std::size_t kBlockBytes = std::size_t{1} << 20;
-  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;  ///< most bytes kept from the block before
+  static constexpr std::size_t kPipeBlockBytes = std::size_t{1} << 16;  ///< at most, of what comes at its own pace
+  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;         ///< most bytes kept from the block before
 
+  /// @param stop read while the reader lives: once it is true, reading ends as at the end of the file, also while a
+  /// pipe is silent; may be null
   /// @throws RecordingError where the file is missing, is a directory or cannot be opened
-  explicit BlockReader(std::filesystem::path path, std::size_t block_bytes = kBlockBytes)
+  explicit BlockReader(std::filesystem::path path, std::size_t block_bytes = kBlockBytes,
+                       const std::atomic<bool>* stop = nullptr)
       : state_(std::make_unique<State>()) {
     state_->path = std::move(path);
     state_->block_bytes = std::max<std::size_t>(block_bytes, 1);
+    state_->stop = stop;
     std::error_code error;
-    if (std::filesystem::is_directory(state_->path, error))
-      throw RecordingError(state_->path, "is a directory, not a recording");
-    errno = 0;
-    state_->file.open(state_->path, std::ios::binary);
-    if (!state_->file) throw RecordingError(state_->path, "cannot open: " + std::generic_category().message(errno));
+    const auto status = std::filesystem::status(state_->path, error);
+    if (std::filesystem::is_directory(status)) throw RecordingError(state_->path, "is a directory, not a recording");
+    if (!std::filesystem::is_regular_file(status)) state_->block_bytes = std::min(state_->block_bytes, kPipeBlockBytes);
+    state_->file = ::open(state_->path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (state_->file < 0) throw RecordingError(state_->path, "cannot open: " + std::generic_category().message(errno));
     const auto bytes = std::filesystem::file_size(state_->path, error);
     if (!error) bytes_total_ = bytes;
     read_ahead();
+  }
+
+  /// The first block, which the first call of `next` returns again: to recognise what the file is.
+  /// @throws RecordingError where reading fails
+  std::span<const std::byte> first() {
+    next();
+    first_is_next_ = true;
+    return block_;
   }
 
   /// The last `keep` bytes (at most kMaxKeep) of the block before and the next block, which is empty at the end of the
   /// file; valid until the next call.
   /// @throws RecordingError where reading fails
   std::span<const std::byte> next(std::size_t keep = 0) {
+    if (std::exchange(first_is_next_, false)) return block_;
     keep = std::min({keep, block_.size(), kMaxKeep});
     const auto kept = block_.last(keep);
     const std::size_t bytes = state_->ahead.valid() ? state_->ahead.get() : 0;
@@ -65,12 +84,49 @@ class BlockReader {
   std::uint64_t bytes_total() const noexcept { return bytes_total_; }
 
  private:
-  // On the heap, so that moving the reader does not move what the other thread uses. The future is the last member, so
-  // that it is destroyed first: its destructor waits for that thread.
+  // On the heap, so that moving the reader does not move what the other thread uses.
   struct State {
+    State() = default;
+    State(const State&) = delete;
+    State& operator=(const State&) = delete;
+    ~State() {
+      closing = true;
+      if (ahead.valid()) ahead.wait();
+      if (file >= 0) ::close(file);
+    }
+
+    // Fills the buffer; less only at the end of the file.
+    std::size_t read(std::span<std::byte> buffer) {
+      std::size_t bytes = 0;
+      while (bytes < buffer.size() && wait_for_bytes()) {
+        const auto count = ::read(file, buffer.data() + bytes, buffer.size() - bytes);
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0)
+          throw RecordingError(path, "cannot read: " + std::generic_category().message(errno), position + bytes);
+        if (count == 0) break;
+        bytes += static_cast<std::size_t>(count);
+      }
+      position += bytes;
+      return bytes;
+    }
+
+    // Waits for bytes or the end of the file; false if reading is to stop, which a silent pipe must not prevent.
+    bool wait_for_bytes() const {
+      constexpr int kPatience_ms = 50;
+      pollfd waiting{file, POLLIN, 0};
+      int ready = 0;
+      while (ready == 0 || (ready < 0 && errno == EINTR)) {
+        if (closing || (stop != nullptr && *stop)) return false;
+        ready = ::poll(&waiting, 1, kPatience_ms);
+      }
+      return true;
+    }
+
     std::filesystem::path path;
     std::size_t block_bytes = 0;
-    std::ifstream file;
+    const std::atomic<bool>* stop = nullptr;
+    std::atomic<bool> closing = false;
+    int file = -1;
     std::uint64_t position = 0;
     std::array<std::vector<std::byte>, 2> buffers;
     std::size_t filling = 0;
@@ -82,21 +138,14 @@ class BlockReader {
     state_->ahead = std::async(std::launch::async | std::launch::deferred, [state = state_.get()] {
       auto& buffer = state->buffers[state->filling];
       buffer.resize(kMaxKeep + state->block_bytes);
-      errno = 0;
-      state->file.read(reinterpret_cast<char*>(buffer.data() + kMaxKeep),
-                       static_cast<std::streamsize>(state->block_bytes));
-      if (state->file.bad())
-        throw RecordingError(state->path, "cannot read: " + std::generic_category().message(errno), state->position);
-      const auto bytes = static_cast<std::size_t>(state->file.gcount());
-      state->position += bytes;
-      return bytes;
+      return state->read(std::span(buffer).subspan(kMaxKeep));
     });
   }
 
   std::unique_ptr<State> state_;
   std::span<const std::byte> block_;
   std::uint64_t bytes_total_ = 0;
-  bool at_end_ = false;
+  bool at_end_ = false, first_is_next_ = false;
 };
 
 }  // namespace evmarker::io

@@ -45,7 +45,11 @@ class CsvReader {
   /// found
   /// @throws std::invalid_argument where the columns or the sensor size of the options are unusable
   explicit CsvReader(std::filesystem::path path, const CsvReaderOptions& options = {})
-      : lines_(std::move(path)), shift_(options.shift_first_time_to_zero) {
+      : CsvReader(BlockReader(std::move(path)), options) {}
+
+  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  explicit CsvReader(BlockReader blocks, const CsvReaderOptions& options = {})
+      : lines_(std::move(blocks)), shift_(options.shift_first_time_to_zero) {
     if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");
     text_ = recognize_text(lines_.lookahead(), options.layout, options.sensor_size);
     require_columns(options.layout);
@@ -129,7 +133,17 @@ class CsvReader {
     has_last_ = true;
     last_ = fields.t;
     batch_.push_back({static_cast<std::uint16_t>(fields.x), static_cast<std::uint16_t>(fields.y),
-                      static_cast<std::int16_t>(fields.p > 0 ? 1 : 0), fields.t - shift_by_});
+                      static_cast<std::int16_t>(fields.p > 0 ? 1 : 0), shifted(fields.t)});
+  }
+
+  // The difference modulo 2^64, which is the time since the first event unless that takes more than 63 bits.
+  Timestamp shifted(Timestamp t) const {
+    const auto since_first =
+        static_cast<Timestamp>(static_cast<std::uint64_t>(t) - static_cast<std::uint64_t>(shift_by_));
+    if ((since_first < 0) != (t < shift_by_))
+      throw lines_.error("t is " + std::to_string(t) + " us, too far from the first time, " +
+                         std::to_string(shift_by_) + " us, to be shifted");
+    return since_first;
   }
 
   Fields parse(std::string_view line) const {

@@ -2,6 +2,7 @@
 // Recordings of any supported kind, recognised by their content, as a source of events.
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cctype>
 #include <cstdint>
 #include <filesystem>
@@ -28,6 +29,8 @@ struct EventReaderOptions {
   /// True to subtract the time of the first event (in RAW, event or trigger) from all.
   bool shift_first_time_to_zero = false;
   TextLayout text_layout = {};
+  /// Read while the reader lives, by another thread: once it is true, the recording ends, also while a pipe is silent.
+  const std::atomic<bool>* stop = nullptr;
 };
 
 enum class RecordingKind { raw, text };
@@ -48,10 +51,29 @@ inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
     {"ZIP archive", "PK\x03\x04", " .zip "},
 }};
 
+struct Compression {
+  std::string_view name, magic, unpack;
+};
+
+inline constexpr std::array<Compression, 4> kCompressions{{
+    {"gzip", "\x1f\x8b", "gunzip"},
+    {"zstd", "\x28\xb5\x2f\xfd", "unzstd"},
+    {"bzip2", "BZh", "bunzip2"},
+    {"xz",
+     "\xfd"
+     "7zXZ",
+     "unxz"},
+}};
+
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
                     "text (x,y,p,t or t x y p)"};
+}
+
+inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
+  return {path, "is compressed by " + std::string(name) + ", unpack it: " + std::string(unpack) + " <" + path.string() +
+                    " >unpacked_" + path.filename().string()};
 }
 
 inline std::string lower_extension(const std::filesystem::path& path) {
@@ -68,14 +90,16 @@ inline bool looks_like_text(std::string_view head) {
 }  // namespace detail
 
 /// Kind of a recording, by its content first and its extension second; but text is not looked for in a .raw file.
-/// @throws RecordingError where the file is missing, empty or of a kind that is not supported
-inline RecordingKind recognize_recording(const std::filesystem::path& path) {
-  BlockReader blocks(path, 4096);
-  const auto bytes = blocks.next();
-  const std::string_view head(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+/// @param head of the file, of which the first 4096 bytes count
+/// @param path of which only the extension counts
+/// @throws RecordingError where the file is empty or of a kind that is not supported
+inline RecordingKind recognize_recording(std::string_view head, const std::filesystem::path& path) {
+  head = head.substr(0, 4096);
   if (head.empty()) throw RecordingError(path, "the file is empty");
   const std::string extension = detail::lower_extension(path);
 
+  for (const auto& [name, magic, unpack] : detail::kCompressions)
+    if (head.starts_with(magic)) throw detail::compressed(path, name, unpack);
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
   const bool prophesee = head.starts_with("% ");
@@ -92,7 +116,7 @@ inline RecordingKind recognize_recording(const std::filesystem::path& path) {
   throw detail::not_supported(path, "such");
 }
 
-/// Reads recordings of every kind that `recognize_recording` supports; an `EventSource`.
+/// Reads recordings of every kind that `recognize_recording` supports, from files, pipes and FIFOs; an `EventSource`.
 class EventReader {
  public:
   using event_type = Event;
@@ -129,9 +153,11 @@ class EventReader {
   using Reader = std::variant<RawReader, CsvReader>;
 
   static Reader open(const std::filesystem::path& path, const EventReaderOptions& options) {
-    if (recognize_recording(path) == RecordingKind::raw)
-      return RawReader(path, {options.sensor_size, options.shift_first_time_to_zero});
-    return CsvReader(path, {options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+    BlockReader blocks(path, BlockReader::kBlockBytes, options.stop);
+    const auto head = blocks.first();
+    if (recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path) == RecordingKind::raw)
+      return RawReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero});
+    return CsvReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
   }
 
   Reader reader_;

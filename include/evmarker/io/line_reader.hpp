@@ -19,7 +19,10 @@ class LineReader {
  public:
   /// @throws RecordingError where the file cannot be read
   explicit LineReader(std::filesystem::path path, std::size_t block_bytes = BlockReader::kBlockBytes)
-      : blocks_(std::move(path), block_bytes), rest_(blocks_.next()) {
+      : LineReader(BlockReader(std::move(path), block_bytes)) {}
+
+  /// Continues with a file that is open; of its blocks, none but the first may have been read.
+  explicit LineReader(BlockReader blocks) : blocks_(std::move(blocks)), rest_(blocks_.next()) {
     constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";  // some programs begin UTF-8 with it
     if (!lookahead().starts_with(byte_order_mark)) return;
     offset_ = byte_order_mark.size();

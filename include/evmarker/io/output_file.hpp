@@ -14,16 +14,32 @@
 
 namespace evmarker::io {
 
+/// The file that a path leads to by way of symlinks, whether it exists or not.
+inline std::filesystem::path link_target(std::filesystem::path path) {
+  constexpr int kMostLinks = 40;  // as many as Linux follows
+  std::error_code error;
+  for (int i = 0; i < kMostLinks && std::filesystem::is_symlink(path, error); ++i)
+    path = path.parent_path() / std::filesystem::read_symlink(path, error);
+  return path;
+}
+
+/// Where an OutputFile of this path writes until it is complete.
+inline std::filesystem::path part_of(const std::filesystem::path& path) { return link_target(path).concat(".part"); }
+
 /// Writes to `path.part` and renames it to `path` in `close()`; if that is never called, as after an exception, the
-/// destructor removes the part. Devices and pipes are written directly.
+/// destructor removes the part. A symlink stays, its target is replaced. Devices and pipes are written directly.
 class OutputFile {
  public:
   /// @throws RecordingError where the file cannot be created
-  explicit OutputFile(std::filesystem::path path) : path_(std::move(path)), written_(path_) {
+  explicit OutputFile(std::filesystem::path path) : path_(std::move(path)), target_(path_), written_(path_) {
     std::error_code error;
     const auto status = std::filesystem::status(path_, error);
     if (std::filesystem::is_directory(status)) throw RecordingError(path_, "is a directory");
-    if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) written_ += ".part";
+    if (!std::filesystem::status_known(status)) throw RecordingError(path_, "cannot create: " + error.message());
+    if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) {
+      target_ = link_target(path_);
+      written_ = part_of(path_);
+    }
     errno = 0;
     file_.open(written_, std::ios::binary | std::ios::trunc);
     if (!file_) throw failure("cannot create");
@@ -34,6 +50,7 @@ class OutputFile {
   OutputFile& operator=(OutputFile&& other) noexcept {
     discard();
     path_ = std::move(other.path_);
+    target_ = std::move(other.target_);
     written_ = std::move(other.written_);
     file_ = std::move(other.file_);
     return *this;
@@ -58,9 +75,9 @@ class OutputFile {
       remove_part();
       throw error;
     }
-    if (written_ == path_) return;
+    if (written_ == target_) return;
     std::error_code error;
-    std::filesystem::rename(written_, path_, error);
+    std::filesystem::rename(written_, target_, error);
     if (!error) return;
     remove_part();
     throw RecordingError(path_, "cannot rename " + written_.filename().string() + ": " + error.message());
@@ -82,10 +99,10 @@ class OutputFile {
 
   void remove_part() noexcept {
     std::error_code ignored;
-    if (written_ != path_) std::filesystem::remove(written_, ignored);
+    if (written_ != target_) std::filesystem::remove(written_, ignored);
   }
 
-  std::filesystem::path path_, written_;
+  std::filesystem::path path_, target_, written_;
   std::ofstream file_;
 };
 
@@ -98,7 +115,11 @@ class BufferedOutput {
   explicit BufferedOutput(std::filesystem::path path) : file_(std::move(path)) {}
 
   /// What is not written yet; append to it.
-  Buffer& buffer() noexcept { return buffer_; }
+  /// @throws RecordingError where the file was closed
+  Buffer& buffer() {
+    if (!file_.is_open()) throw RecordingError(file_.path(), "cannot write: the file was closed");
+    return buffer_;
+  }
 
   /// @throws RecordingError where the disk is full or the file was closed
   void flush_if_large() {

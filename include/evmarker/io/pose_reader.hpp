@@ -86,36 +86,26 @@ inline LossReason parse_loss_reason(const LineReader& lines, std::string_view te
   throw bad_field(lines, "loss_reason", text);
 }
 
-}  // namespace detail
-
-/// Reads a trajectory in TUM format: lines `t tx ty tz qx qy qz qw`, t in seconds; lines that begin with `#` are
-/// comments.
-/// @throws RecordingError naming a line that is malformed or not later than the line before
-inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
-  LineReader lines(path);
+inline std::vector<TimedPose> parse_tum(LineReader lines) {
   std::vector<TimedPose> poses;
   while (const auto line = lines.next()) {
-    if (detail::is_comment(*line)) continue;
-    const auto fields = detail::split(*line, ' ');
+    if (is_comment(*line)) continue;
+    const auto fields = split(*line, ' ');
     if (fields.size() != 8)
       throw lines.error("has " + std::to_string(fields.size()) + " numbers, not the 8 of 't tx ty tz qx qy qz qw'");
     const auto t = parse_decimal(fields[0], 6);
-    if (!t) throw detail::bad_field(lines, "t", fields[0]);
+    if (!t) throw bad_field(lines, "t", fields[0]);
     if (!poses.empty() && *t <= poses.back().t)
       throw lines.error("t is '" + std::string(fields[0]) + "', not after the line before");
     std::array<std::string_view, 7> pose;
     std::copy(fields.begin() + 1, fields.end(), pose.begin());
-    poses.push_back({*t, detail::parse_pose(lines, pose)});
+    poses.push_back({*t, parse_pose(lines, pose)});
   }
   return poses;
 }
 
-/// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those in kPoseCsvHeader, `state` and
-/// all behind `qw` are optional. Missing ones are read as `tracking` and the defaults of TrackingQuality.
-/// @throws RecordingError naming line and value that are malformed
-inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
-  LineReader lines(path);
-  const std::vector<std::string> names = detail::read_column_names(lines);
+inline std::vector<PoseEstimate> parse_pose_csv(LineReader lines) {
+  const std::vector<std::string> names = read_column_names(lines);
   const auto column = [&](std::string_view name) {
     return static_cast<std::size_t>(std::ranges::find(names, name) - names.begin());
   };
@@ -129,28 +119,44 @@ inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path
 
   std::vector<PoseEstimate> poses;
   while (const auto line = lines.next()) {
-    if (detail::is_comment(*line)) continue;
-    const auto fields = detail::split(*line, ',');
+    if (is_comment(*line)) continue;
+    const auto fields = split(*line, ',');
     if (fields.size() != names.size())
       throw lines.error("has " + std::to_string(fields.size()) + " columns, not " + std::to_string(names.size()));
     PoseEstimate pose;
-    pose.t = detail::parse_number<Timestamp>(lines, "t_us", fields[at[0]]);
-    pose.id = detail::parse_number<MarkerId>(lines, "marker_id", fields[at[1]]);
+    pose.t = parse_number<Timestamp>(lines, "t_us", fields[at[0]]);
+    pose.id = parse_number<MarkerId>(lines, "marker_id", fields[at[1]]);
     std::array<std::string_view, 7> numbers;
     for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = fields[at[i + 2]];
-    pose.T_camera_marker = detail::parse_pose(lines, numbers);
+    pose.T_camera_marker = parse_pose(lines, numbers);
     auto& quality = pose.quality;
-    quality.state = state < names.size() ? detail::parse_state(lines, fields[state]) : TrackingState::tracking;
-    if (matched < names.size()) quality.matched = detail::parse_number<int>(lines, "matched", fields[matched]);
+    quality.state = state < names.size() ? parse_state(lines, fields[state]) : TrackingState::tracking;
+    if (matched < names.size()) quality.matched = parse_number<int>(lines, "matched", fields[matched]);
     const std::array<double*, 4> targets{&quality.residual_px, &quality.backtrack_px, &quality.backtrack_rad,
                                          &quality.health};
     for (std::size_t i = 0; i < values.size(); ++i)
       if (const auto found = column(values[i]); found < names.size())
-        *targets[i] = detail::parse_number<double>(lines, values[i], fields[found]);
-    if (loss_reason < names.size()) quality.loss_reason = detail::parse_loss_reason(lines, fields[loss_reason]);
+        *targets[i] = parse_number<double>(lines, values[i], fields[found]);
+    if (loss_reason < names.size()) quality.loss_reason = parse_loss_reason(lines, fields[loss_reason]);
     poses.push_back(pose);
   }
   return poses;
+}
+
+}  // namespace detail
+
+/// Reads a trajectory in TUM format: lines `t tx ty tz qx qy qz qw`, t in seconds; lines that begin with `#` are
+/// comments.
+/// @throws RecordingError naming a line that is malformed or not later than the line before
+inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
+  return detail::parse_tum(LineReader(path));
+}
+
+/// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those in kPoseCsvHeader, `state` and
+/// all behind `qw` are optional. Missing ones are read as `tracking` and the defaults of TrackingQuality.
+/// @throws RecordingError naming line and value that are malformed
+inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
+  return detail::parse_pose_csv(LineReader(path));
 }
 
 /// True poses of one marker or many, with which estimates are compared.
@@ -161,14 +167,15 @@ class GroundTruth {
   /// @throws RecordingError where the file is malformed or empty, or times do not increase
   static GroundTruth read(const std::filesystem::path& path) {
     GroundTruth truth;
-    if (!holds_pose_table(path)) {
-      auto poses = read_tum(path);
+    LineReader lines(path);
+    if (!holds_pose_table(lines)) {
+      auto poses = detail::parse_tum(std::move(lines));
       if (poses.empty()) throw RecordingError(path, "no poses");
       truth.any_marker_ = Trajectory(std::move(poses));
       return truth;
     }
     std::map<MarkerId, std::vector<TimedPose>> poses;
-    for (const PoseEstimate& pose : read_pose_csv(path))
+    for (const PoseEstimate& pose : detail::parse_pose_csv(std::move(lines)))
       if (pose.quality.state != TrackingState::lost) poses[pose.id].push_back({pose.t, pose.T_camera_marker});
     if (poses.empty()) throw RecordingError(path, "no poses");
     for (auto& [id, samples] : poses) {
@@ -196,11 +203,14 @@ class GroundTruth {
   }
 
  private:
-  static bool holds_pose_table(const std::filesystem::path& path) {
-    LineReader lines(path);
-    while (const auto line = lines.next())
-      if (!detail::is_comment(*line)) return line->find(',') != std::string_view::npos;
-    throw RecordingError(path, "no poses: the file is empty");
+  // By the first line that is no comment; none is consumed, since what comes from a pipe cannot be read again.
+  static bool holds_pose_table(const LineReader& lines) {
+    for (std::string_view text = lines.lookahead(); !text.empty();) {
+      const std::string_view line = text.substr(0, text.find('\n'));
+      if (!detail::is_comment(line)) return line.find(',') != std::string_view::npos;
+      text.remove_prefix(std::min(line.size() + 1, text.size()));
+    }
+    throw RecordingError(lines.path(), "no poses: the file is empty");
   }
 
   std::map<MarkerId, Trajectory> markers_;

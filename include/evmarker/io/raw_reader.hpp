@@ -38,7 +38,11 @@ class RawReader {
   /// @throws RecordingError where the file is missing, empty, not a RAW recording or of an encoding that is not
   /// supported
   explicit RawReader(std::filesystem::path path, RawReaderOptions options = {})
-      : blocks_(std::move(path)), options_(options), decoder_(Evt3Decoder({})) {
+      : RawReader(BlockReader(std::move(path)), options) {}
+
+  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  explicit RawReader(BlockReader blocks, RawReaderOptions options = {})
+      : blocks_(std::move(blocks)), options_(options), decoder_(Evt3Decoder({})) {
     rest_ = blocks_.next();
     if (rest_.empty()) throw RecordingError(blocks_.path(), "the file is empty");
     header_ = parse_raw_header({reinterpret_cast<const char*>(rest_.data()), rest_.size()}, blocks_.path());

@@ -38,7 +38,7 @@ class Trajectory {
     if (next->t == t) return next->T_camera_marker;
     if (next == poses_.begin()) return std::nullopt;
     const TimedPose &a = next[-1], &b = *next;
-    const double part = static_cast<double>(t - a.t) / static_cast<double>(b.t - a.t);
+    const double part = static_cast<double>(elapsed_us(a.t, t)) / static_cast<double>(elapsed_us(a.t, b.t));
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.translation() =
         a.T_camera_marker.translation() + part * (b.T_camera_marker.translation() - a.T_camera_marker.translation());

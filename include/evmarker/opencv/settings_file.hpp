@@ -1,18 +1,38 @@
 #pragma once
 // Reading of files of named fields with OpenCV's FileStorage; errors name file, field and value.
 #include <Eigen/Core>
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstddef>
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 namespace evmarker::opencv::detail {
+
+// A bound of how deep a text is nested. Brackets or tags go deeper where they open; in YAML, so may each blank of an
+// indentation, each dash of a list and each key on the way to a value.
+inline std::size_t nesting_bound(std::string_view text, bool xml) {
+  std::size_t open = 0, in_line = 0, bound = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i], next = i + 1 < text.size() ? text[i + 1] : '\n';
+    const bool opens = xml ? c == '<' && next != '/' && next != '?' && next != '!' : c == '[' || c == '{';
+    const bool closes = xml ? (c == '<' && next == '/') || (c == '/' && next == '>') : c == ']' || c == '}';
+    if (opens) ++open;
+    if (closes && open > 0) --open;
+    if (c == ',' || c == '\n') in_line = 0;
+    if (!xml && (c == ' ' || c == '\t' || c == '-' || c == ':')) ++in_line;
+    bound = std::max(bound, open + in_line);
+  }
+  return bound;
+}
 
 // A YAML, XML or JSON file of named fields. All errors are std::runtime_error with one line: file, field, value.
 class SettingsFile {
@@ -28,6 +48,10 @@ class SettingsFile {
     std::string text = content.str();
     const auto first = text.find_first_not_of(" \t\r\n");
     if (first == std::string::npos) fail("is empty");
+    // OpenCV's parsers call themselves for each level, and 30 000 of them overflow the stack.
+    constexpr std::size_t kMostLevels = 1000;
+    if (nesting_bound(text, text[first] == '<') > kMostLevels)
+      fail("is nested more than " + std::to_string(kMostLevels) + " levels deep: not a file of settings");
     // OpenCV requires the YAML directive, which ROS does not write.
     if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
       text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
