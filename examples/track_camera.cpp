@@ -223,7 +223,6 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     ~Stop() { source.stop(); }
   } stop{source};
   stop_on_signals();
-  live::lower_priority_of_this_thread();  // drawing may wait
   watch(
       source, pipeline, display, [&](MarkerId id) { return detector.model(id); }, options.quiet);
 
