@@ -11,6 +11,7 @@
 
 struct LiveOptions : TrackOptions {
   std::string policy = "drop-oldest";
+  std::string priority = "automatic";
   std::size_t queue_events = evmarker::live::PipelineSettings<>{}.queue_events;
 
   void add_to(CLI::App& app) {
@@ -23,6 +24,14 @@ struct LiveOptions : TrackOptions {
     app.add_option("--queue-events", queue_events, "that may wait at most")
         ->check(CLI::Range(1024, 1 << 28))
         ->capture_default_str();
+    app.add_option("--priority", priority, "of the tracking: automatic (real-time where that is permitted) or normal")
+        ->check(CLI::IsMember({"automatic", "normal"}))
+        ->capture_default_str();
+  }
+
+  evmarker::live::TrackingPriority tracking_priority() const {
+    using evmarker::live::TrackingPriority;
+    return priority == "normal" ? TrackingPriority::normal : TrackingPriority::automatic;
   }
 
   template <evmarker::PoseUpdateRule Rule>
@@ -30,7 +39,10 @@ struct LiveOptions : TrackOptions {
     using evmarker::live::OverloadPolicy;
     const std::map<std::string, OverloadPolicy> policies{
         {"block", OverloadPolicy::block}, {"drop-oldest", OverloadPolicy::drop_oldest}, {"thin", OverloadPolicy::thin}};
-    return {.tracker = settings<Rule>(rule), .overload = policies.at(policy), .queue_events = queue_events};
+    return {.tracker = settings<Rule>(rule),
+            .overload = policies.at(policy),
+            .queue_events = queue_events,
+            .priority = tracking_priority()};
   }
 };
 

@@ -63,10 +63,13 @@ struct ReplayOptions : LiveOptions {
 };
 
 // Maps recorded time to the wall clock and waits for it, but not across a jump of the recording's clock, nor when the
-// program is interrupted.
+// program is interrupted. As a camera's thread should, the one that plays has real-time priority, until it is late:
+// then it no longer waits, and would keep a processor from all others.
 class Pace {
  public:
-  explicit Pace(double speed) : speed_(speed) {}
+  Pace(double speed, live::TrackingPriority priority) : speed_(speed) {
+    if (priority == live::TrackingPriority::automatic) live::request_real_time_priority();
+  }
 
   void set_speed(double speed) {
     if (speed != std::exchange(speed_, speed)) again_ = true;
@@ -79,6 +82,7 @@ class Pace {
       starts_.push_back({t, speed_, now});
     last_t_ = t;
     const auto then = wall(starts_.back(), t);
+    if (then <= now - std::chrono::milliseconds(50)) live::drop_real_time_priority();
     for (auto until = now; until < then && !interruption::requested;) {
       until = std::min(then, live::Clock::now() + std::chrono::milliseconds(50));
       std::this_thread::sleep_until(until);
@@ -195,7 +199,8 @@ void print_histogram(const live::LatencyHistogram& histogram, std::uint64_t pose
   }
 }
 
-void print(const live::Status& s, const live::LatencyHistogram& histogram, double wall_s) {
+void print(const ReplayOptions& options, const live::Status& s, const live::LatencyHistogram& histogram,
+           double wall_s) {
   print_histogram(histogram, s.push_to_pose.count);
   std::printf("waiting in the queue: p50 %.0f us, p99 %.0f us, max %.0f us\n", s.queue_wait.p50_us, s.queue_wait.p99_us,
               s.queue_wait.max_us);
@@ -206,6 +211,8 @@ void print(const live::Status& s, const live::LatencyHistogram& histogram, doubl
   std::printf("markers: %" PRIu64 " found, %" PRIu64 " lost; %" PRIu64 " steps back in time, %" PRIu64
               " gaps; %.2f s\n",
               s.registered, s.lost, s.time_steps_back, s.time_gaps, wall_s);
+  if (!s.real_time && options.tracking_priority() == live::TrackingPriority::automatic)
+    std::printf("%s\n", live::kRealTimeHint);
   print_last_line(s);
 }
 
@@ -275,7 +282,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
       },
       settings<Rule>(options, rule, outputs));
 
-  Pace pace(options.speed);
+  Pace pace(options.speed, options.tracking_priority());
   const auto start = live::Clock::now();
   double recorded_s = 0;
   {
@@ -290,7 +297,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   if (!interrupted) recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
   outputs.close(pace, start);
-  print(pipeline.status(), pipeline.latency(), wall.count());
+  print(options, pipeline.status(), pipeline.latency(), wall.count());
   if (interrupted) interruption::end(recorded_s, outputs.kept(options));
 }
 

@@ -213,7 +213,6 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
     ~Stop() { source.stop(); }
   } stop{source};
   const auto start = live::Clock::now();
-  live::lower_priority_of_this_thread();  // drawing may wait
   watch(
       source, pipeline, display, [&](MarkerId id) { return detector.model(id); }, options.quiet);
 

@@ -15,32 +15,16 @@
 #include <vector>
 
 #include "evmarker/tracking/tracker.hpp"
+#include "live/test_support.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
+using namespace evmarker::live::test;
 using simulated::TrueDetector;
 using namespace std::chrono_literals;
 using live::OverloadPolicy;
 
 namespace {
-
-using Settings = live::PipelineSettings<>;
-
-const Trajectory& motion() {
-  static const Trajectory motion = simulated::near_motion(71);
-  return motion;
-}
-
-/// 0.3 s of marker 0, simulated once, with three events off the sensor.
-const std::vector<Event>& events() {
-  static const std::vector<Event> events = [] {
-    auto simulated = simulated::near_events(motion(), 0.3, 71);
-    for (const int at : {1000, 2000, 3000})
-      simulated.insert(simulated.begin() + at, Event{640, 0, 1, simulated[static_cast<std::size_t>(at)].t});
-    return simulated;
-  }();
-  return events;
-}
 
 /// In the pieces that a camera would deliver.
 template <typename Pipeline>
@@ -49,15 +33,10 @@ void push(Pipeline& pipeline, const std::vector<Event>& events, std::size_t piec
     pipeline.push(events.data() + i, events.data() + std::min(i + piece, events.size()));
 }
 
-void check_sum(const live::Status& s) {
-  CHECK(s.events == s.processed + s.filtered + s.off_sensor + s.time_faults + s.dropped + s.queue_depth);
-}
-
 double elapsed_ms(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - since).count();
 }
 
-const auto kNoPoses = [](const PoseEstimate&) {};
 const Settings kLikeTracker{.overload = OverloadPolicy::block, .queue_events = 1024, .wait_for_detector = true};
 
 }  // namespace
@@ -154,7 +133,7 @@ TEST_CASE("detection takes its time on its own thread, and no event is lost in i
                                          ++frames;
                                          std::this_thread::sleep_for(3ms);
                                        }},
-                          kNoPoses, {.overload = OverloadPolicy::block, .detect_when_idle = false});
+                          kNoPoses, {.overload = OverloadPolicy::block});
   push(pipeline, events(), 200);
   pipeline.flush();
   // The detection of the marker may have ended after the last event: more events, until it is confirmed.
@@ -189,7 +168,7 @@ TEST_CASE("overload: each policy does what it says, drops are counted to the eve
                               ++slow_poses;
                               std::this_thread::sleep_for(1ms);
                             },
-                            {.overload = policy, .queue_events = 4096, .detect_when_idle = false});
+                            {.overload = policy, .queue_events = 4096});
     const auto detecting = [&] {
       const live::Status status = pipeline.status();
       return status.detection.count < status.detections;
@@ -291,7 +270,7 @@ TEST_CASE("poses at a fixed rate are the tracker's, moved on to each tick from t
 TEST_CASE("without events, poses go on at the fixed rate by the wall clock, ever less certain") {
   std::mutex mutex;
   std::vector<PoseEstimate> ticks;
-  Settings settings{.overload = OverloadPolicy::block, .detect_when_idle = false};
+  Settings settings{.overload = OverloadPolicy::block};
   settings.tick_interval = 2ms;
   settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
     const std::lock_guard lock(mutex);
@@ -387,8 +366,8 @@ TEST_CASE("trigger events survive events that are dropped, and too many are drop
   CHECK(intake.triggers_dropped() == 5000 - 4096);
   int taken = 0;
   while (auto* block = intake.take(0us)) {
-    const int place = static_cast<int>(block->number);  // as many triggers are before the block
-    for (; const auto trigger = intake.take_trigger(block->number); ++taken) CHECK(trigger->t == taken);
+    const int place = static_cast<int>(block->number());  // as many triggers are before the block
+    for (; const auto trigger = intake.take_trigger(block->number()); ++taken) CHECK(trigger->t == taken);
     CHECK(taken == place - 1);
     intake.give_back(block);
   }
@@ -421,7 +400,7 @@ TEST_CASE("every event during a detection is replayed, and a replay that lacks s
     CAPTURE(history);
     std::atomic<Timestamp> first_frame = 0;
     std::atomic<bool> released = false;
-    Settings settings{.overload = OverloadPolicy::block, .detect_when_idle = false};
+    Settings settings{.overload = OverloadPolicy::block};
     settings.tracker.history_events = history;
     live::Pipeline pipeline(simulated::camera, PatientDetector{.first_frame = &first_frame, .released = &released},
                             kNoPoses, settings, AcceptAll{});
@@ -448,7 +427,7 @@ TEST_CASE("every event during a detection is replayed, and a replay that lacks s
   }
 }
 
-TEST_CASE("detections that may wait for a free processor end, too") {
+TEST_CASE("detections end while nothing is pushed, too") {
   live::Pipeline pipeline(simulated::camera, TrueDetector{motion()}, kNoPoses, {.overload = OverloadPolicy::block});
   for (std::size_t i = 0; i < events().size(); i += 500) {
     pipeline.push(events().data() + i, events().data() + std::min(i + 500, events().size()));
@@ -490,7 +469,7 @@ TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to t
                               const double off_m = (pose.T_camera_marker.translation() - truth.translation()).norm();
                               ++(off_m < 0.005 ? near : off);
                             },
-                            {.overload = policy, .queue_events = kQueue, .detect_when_idle = false});
+                            {.overload = policy, .queue_events = kQueue});
     std::uint64_t most_waiting = 0;
     const auto push_part = [&](std::span<const Event> some, std::size_t piece, bool in_step) {
       for (; !some.empty(); some = some.subspan(std::min(piece, some.size()))) {

@@ -25,8 +25,8 @@ Ticks due(TickClock& clock, Timestamp now) {
 /// What the tracking thread does with a block.
 Ticks play(TickClock& clock, const Ticks& times, Clock::time_point pushed = {}) {
   EventBlock block;
-  block.pushed = pushed;
-  for (const Timestamp t : times) block.events[block.size++].t = t;
+  block.begin(1, false, pushed);
+  for (const Timestamp t : times) block.append(std::vector{Event{.t = t}}, pushed);
   clock.begin(block);
   Ticks ticks;
   for (const Timestamp t : times)

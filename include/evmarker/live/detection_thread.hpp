@@ -1,5 +1,5 @@
 #pragma once
-// Runs a marker detector on threads of its own.
+// Runs a marker detector on a thread of its own.
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include <chrono>
@@ -18,8 +18,8 @@ namespace evmarker::live {
 
 /// Detects markers in polarity frames while tracking goes on. A request costs the tracking thread next to nothing: the
 /// detector has a frame of its own, which is brought up to date with the events since the last request. There is one
-/// detection at a time; one that may wait runs on a thread that only uses free processors. All functions are for the
-/// tracking thread.
+/// detection at a time. Its thread has normal priority and not a lower one: a detector's library may start threads,
+/// which inherit it and stay. All functions are for the tracking thread.
 template <MarkerDetector Detector>
 class DetectionThread {
  public:
@@ -29,26 +29,15 @@ class DetectionThread {
     Clock::duration duration{};  ///< from the request to the end of the detection
   };
 
-  /// @param detector must outlive this object; meanwhile it is used by its threads alone
+  /// @param detector must outlive this object; meanwhile it is used by its thread alone
   /// @param max_events kept between two requests; if there are more, the request copies the whole frame
-  /// @param when_idle whether requests that may wait are left to a thread with `run_this_thread_when_idle`
-  DetectionThread(Detector& detector, SensorSize size, std::size_t max_events, bool when_idle)
-      : detector_(detector),
-        max_events_(max_events),
-        frame_(size),
-        job_{{}, {}, PolarityFrame(size), false, Clock::now(), {}},
-        use_idle_worker_(when_idle) {
+  /// @throws std::system_error if the thread cannot be started
+  DetectionThread(Detector& detector, SensorSize size, std::size_t max_events)
+      : detector_(detector), max_events_(max_events), frame_(size), job_{{},    {},           PolarityFrame(size),
+                                                                         false, Clock::now(), {}} {
     new_events_.reserve(max_events);
     job_.events.reserve(max_events);
-    prompt_worker_.thread = std::thread([this] {
-      lower_priority_of_this_thread();
-      work(prompt_worker_);
-    });
-    if (when_idle)
-      idle_worker_.thread = std::thread([this] {
-        run_this_thread_when_idle();
-        work(idle_worker_);
-      });
+    thread_ = std::thread([this] { work(); });  // last: nothing throws after it
   }
 
   DetectionThread(const DetectionThread&) = delete;
@@ -56,11 +45,8 @@ class DetectionThread {
 
   /// Waits for the end of a detection that is going on.
   ~DetectionThread() {
-    for (Worker* worker : {&prompt_worker_, &idle_worker_}) {
-      if (!worker->thread.joinable()) continue;
-      worker->jobs.wait_enqueue(nullptr);
-      worker->thread.join();
-    }
+    jobs_.wait_enqueue(nullptr);
+    thread_.join();
   }
 
   /// Adds an event to the frame of the next request.
@@ -73,25 +59,21 @@ class DetectionThread {
 
   /// Starts a detection. The outcome of the one before must have been received.
   /// @param frame that of all events added
-  /// @param may_wait whether the detection may wait for a free processor
-  void start(DetectionRequest request, const PolarityFrame& frame, bool may_wait) {
+  void start(DetectionRequest request, const PolarityFrame& frame) {
     job_.request = std::move(request);
     std::swap(job_.events, new_events_);
     new_events_.clear();
     job_.frame_is_copied = std::exchange(overflowed_, false);
     if (job_.frame_is_copied) job_.frame = frame;
     job_.requested = Clock::now();
-    (may_wait && use_idle_worker_ ? idle_worker_ : prompt_worker_).jobs.wait_enqueue(&job_);
+    jobs_.wait_enqueue(&job_);
   }
 
   /// Receives the outcome of the last request, valid until the next one; null if it does not come within the timeout.
   const Outcome* receive_outcome(std::chrono::microseconds timeout) {
     Job* job = nullptr;
     const bool done = timeout.count() > 0 ? done_.wait_dequeue_timed(job, timeout) : done_.try_dequeue(job);
-    if (!done) return nullptr;
-    // So slow: other programs keep all processors busy. From now on the detector does not wait for a free one.
-    if (job->outcome.duration > kStarved) use_idle_worker_ = false;
-    return &job->outcome;
+    return done ? &job->outcome : nullptr;
   }
 
  private:
@@ -104,17 +86,11 @@ class DetectionThread {
     Outcome outcome;
   };
 
-  struct Worker {
-    moodycamel::BlockingReaderWriterCircularBuffer<Job*> jobs{2};
-    std::thread thread;
-  };
-
-  static constexpr std::chrono::milliseconds kStarved{200};
-
-  // The detector's threads: does the jobs of a worker until one is null.
-  void work(Worker& worker) {
+  // The detector's thread: does jobs until one is null.
+  void work() {
+    drop_real_time_priority();
     for (Job* job = nullptr;;) {
-      worker.jobs.wait_dequeue(job);
+      jobs_.wait_dequeue(job);
       if (job == nullptr) return;
       job->outcome.error = nullptr;
       if (job->frame_is_copied)
@@ -136,10 +112,9 @@ class DetectionThread {
   PolarityFrame frame_;            // the detector's own, as of the last request
   std::vector<Event> new_events_;  // since the last request
   bool overflowed_ = false;
-  Job job_;  // used by the detector's threads from `start` to its outcome, else by the tracking thread
-  bool use_idle_worker_;
-  moodycamel::BlockingReaderWriterCircularBuffer<Job*> done_{2};
-  Worker prompt_worker_, idle_worker_;
+  Job job_;  // used by the detector's thread from `start` to its outcome, else by the tracking thread
+  moodycamel::BlockingReaderWriterCircularBuffer<Job*> jobs_{2}, done_{2};
+  std::thread thread_;
 };
 
 }  // namespace evmarker::live

@@ -11,6 +11,7 @@
 #include <ranges>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -28,8 +29,13 @@
 namespace evmarker::live {
 
 /// Tracks markers in the events that a camera's thread pushes: a `Tracker` on a thread of its own, with its detector on
-/// others. All functions may be called from any thread, but `start`, `stop` and `flush` not from a callback. All
-/// callbacks are called on the tracking thread, one at a time; while one runs, nothing is tracked.
+/// another. All functions may be called from any thread, but `start`, `stop` and `flush` not from a callback. All
+/// callbacks are called on the tracking thread, one at a time; while one runs, nothing is tracked. What is still in the
+/// queue when the pipeline is stopped or destroyed is dropped: `flush` before.
+///
+/// What a callback or the detector throws is counted, and tracking goes on. Any other exception, as of the filter or
+/// for lack of memory, ends it: `Status::running` is false then, `Status::error` is its message, `flush` and `stop`
+/// throw it, and what is pushed is dropped and counted until `start`.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Pipeline {
  public:
@@ -39,6 +45,7 @@ class Pipeline {
   /// Starts tracking at once.
   /// @param on_pose called with every pose, in the order in which they arise
   /// @throws std::invalid_argument naming the setting that is out of range
+  /// @throws std::system_error if a thread cannot be started
   template <CameraModel Camera>
   Pipeline(const Camera& camera, Detector detector, PoseCallback on_pose, const Settings& settings = {})
       : Pipeline(camera, std::move(detector), std::move(on_pose), settings,
@@ -63,7 +70,9 @@ class Pipeline {
   ~Pipeline() { halt(); }
 
   /// Takes in events, in order of camera time. The events of one call stay together; calls of several threads are not
-  /// merged by time. While the pipeline is stopped, all are dropped and counted.
+  /// merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits while
+  /// the queue is full; but not in a callback, as only the tracking thread makes room: there, what finds none is
+  /// dropped and counted. A detector or a filter must not push.
   template <std::ranges::contiguous_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events) { intake_.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
@@ -73,39 +82,56 @@ class Pipeline {
   }
 
   /// Takes in a trigger event, between the events pushed before and after it. The queue holds 4096 trigger events. When
-  /// it is full, more are dropped and counted; with the policy `block`, `push` waits instead.
+  /// it is full, more are dropped and counted; with the policy `block`, `push` waits instead, but not in a callback.
   void push(const TriggerEvent& trigger) { intake_.push(trigger); }
 
-  /// Starts again after `stop`, with all counters at zero and without markers. Does nothing while the pipeline runs.
+  /// Starts again after `stop` or an error, with all counters at zero and without markers. Does nothing while the
+  /// pipeline runs.
+  /// @throws std::logic_error when called from a callback
+  /// @throws std::system_error if a thread cannot be started; then the pipeline is stopped
   void start() {
+    refuse_in_callback("started");
     const std::lock_guard control(control_);
-    if (thread_.joinable()) return;
+    if (published_.running()) return;
+    halt();  // after an error, the tracking thread has ended but is still there
     for (LatencyHistogram* histogram : {&push_to_pose_, &queue_wait_, &detection_time_}) histogram->clear();
-    stopping_ = false;
-    delivered_ = {};
-    last_block_ = 0;
+    stopping_ = started_ = false;
+    progress_ = {};
     clock_ = initial_clock_;
-    core_.emplace(initial_core_);
-    detection_thread_.emplace(detector_, initial_core_.polarity_frame().sensor_size(), settings_.tracker.history_events,
-                              settings_.detect_when_idle && !settings_.wait_for_detector);
-    published_.start(intake_);
-    thread_ = std::thread([this] { run(); });
+    try {
+      core_.emplace(initial_core_);
+      detection_thread_.emplace(detector_, initial_core_.polarity_frame().sensor_size(),
+                                settings_.tracker.history_events);
+      published_.start(intake_);
+      thread_ = std::thread([this] { run(); });
+    } catch (...) {
+      halt();
+      throw;
+    }
+    started_.wait(false);  // then the status says which priority it has
   }
 
   /// Stops tracking, within 100 ms; if a callback or a detection is still running, when that has returned. Events still
   /// in the queue are dropped and counted; to have them tracked, call `flush` first.
   /// @throws std::logic_error when called from a callback (a pipeline that is destroyed in one ends the program)
-  /// @throws the first exception that a callback or the detector threw since the start
+  /// @throws the exception that ended the tracking, or else the first one that a callback or the detector threw, if
+  /// there was one since the start
   void stop() {
+    refuse_in_callback("stopped");
     const std::lock_guard control(control_);
     halt();
     if (const std::exception_ptr error = published_.take_error()) std::rethrow_exception(error);
   }
 
-  /// Waits until all events pushed before have been tracked or dropped and all triggers delivered, or the pipeline is
-  /// stopped.
+  /// Waits until all that was pushed before this call has been tracked and delivered, or dropped, or the pipeline is
+  /// stopped; not for what other threads push meanwhile.
+  /// @throws std::logic_error when called from a callback
+  /// @throws the exception that ended the tracking, if one did
   void flush() const {
-    while (published_.busy(intake_)) std::this_thread::sleep_for(std::chrono::microseconds(200));
+    refuse_in_callback("flushed");
+    for (const PushMark mark = published_.mark(intake_); !published_.has_passed(mark);)
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+    published_.rethrow_failure();
   }
 
   /// Switches the detector on or off; without it, markers that are tracked stay so until they are lost.
@@ -131,14 +157,16 @@ class Pipeline {
  private:
   static constexpr std::chrono::milliseconds kPatience{5};  // longest wait before the next check whether to stop
 
+  void refuse_in_callback(const char* what) const {
+    if (intake_.on_taking_thread()) throw std::logic_error(std::string("pipeline: ") + what + " from its own callback");
+  }
+
   // Stops the threads, if they run.
   void halt() {
-    if (!thread_.joinable()) return;
-    if (thread_.get_id() == std::this_thread::get_id())
-      throw std::logic_error("pipeline: stopped from its own callback");
+    refuse_in_callback("stopped");
     intake_.close();
     stopping_ = true;
-    thread_.join();
+    if (thread_.joinable()) thread_.join();
     detection_thread_.reset();
     core_.reset();
     intake_.clear();
@@ -146,28 +174,57 @@ class Pipeline {
   }
 
   // The tracking thread.
-  void run() {
+  void run() noexcept {
+    intake_.set_taking_thread(std::this_thread::get_id());
+    if (settings_.priority == TrackingPriority::automatic && !settings_.wait_for_detector)
+      published_.set_real_time(request_real_time_priority());
     shorten_turns_of_this_thread();
-    while (!stopping_) {
-      EventBlock* const block = intake_.take(patience());
-      if (!settings_.wait_for_detector) receive_detection(std::chrono::microseconds(0), deliver_untimed());
-      if (block != nullptr) {
-        deliver_triggers(block->number);
-        // Events are missing before this block: refused by `push`, or dropped from the queue, which leaves a gap in the
-        // numbers.
-        if (block->follows_dropped || block->number != last_block_ + 1)
-          core_->skip_to(block->first_t(), deliver_untimed());
-        track(*block);
-        last_block_ = block->number;
-        intake_.give_back(block);
-      } else {
-        catch_up();
-        deliver_triggers(last_block_ + 1);
-        if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kPushedUntilUnknown);
-      }
-      published_.publish(*core_, delivered_);
+    started_ = true;
+    started_.notify_one();
+    try {
+      while (!stopping_) take_turn();
+    } catch (...) {
+      intake_.close();
+      intake_.clear();
+      published_.fail(*core_, progress_);
     }
+    intake_.set_taking_thread({});
   }
+
+  // Tracks the next block of events, or uses the time until it comes.
+  void take_turn() {
+    EventBlock* const block = intake_.take(patience());
+    if (!settings_.wait_for_detector) receive_detection(std::chrono::microseconds(0), deliver_untimed());
+    if (block != nullptr) {
+      const ReturnedBlock returned{*this, block, core_->statistics().events};
+      deliver_triggers(block->number());
+      // Events are missing before this block: refused by `push`, or dropped from the queue, which leaves a gap in the
+      // numbers.
+      if (block->follows_dropped() || block->number() != progress_.block + 1)
+        core_->skip_to(block->first_t(), deliver_untimed());
+      track(*block);
+      progress_.block = block->number();
+    } else {
+      catch_up();
+      deliver_triggers(progress_.block + 1);
+      if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kPushedUntilUnknown);
+    }
+    published_.publish(*core_, progress_);
+  }
+
+  // Gives a block back at the end of its turn, and counts those of its events as dropped that were not tracked.
+  struct ReturnedBlock {
+    Pipeline& pipeline;
+    EventBlock* block;
+    std::uint64_t taken_before;
+    ReturnedBlock(Pipeline& p, EventBlock* b, std::uint64_t t) : pipeline(p), block(b), taken_before(t) {}
+    ReturnedBlock(const ReturnedBlock&) = delete;
+    ReturnedBlock& operator=(const ReturnedBlock&) = delete;
+    ~ReturnedBlock() {
+      pipeline.intake_.count_dropped(block->size() - (pipeline.core_->statistics().events - taken_before));
+      pipeline.intake_.give_back(block);
+    }
+  };
 
   // How long to wait for events.
   std::chrono::microseconds patience() const {
@@ -182,10 +239,10 @@ class Pipeline {
 
   // Tracks the events of a block, with the ticks, detections and results that are due between them.
   void track(const EventBlock& block) {
-    queue_wait_.add(Clock::now() - block.pushed);
+    queue_wait_.add(Clock::now() - block.pushed());
     clock_.begin(block);
     for (std::span<const Event> left = block.span(); !left.empty();) {
-      if (stopping_.load(std::memory_order_relaxed)) return intake_.count_dropped(left.size());
+      if (stopping_.load(std::memory_order_relaxed)) return;
       if (const auto next = core_->next_t(left.front())) deliver_ticks(*next, *next);
       std::optional<Timestamp> due;  // when to start a detection, or to wait for its result
       const auto feed_detector = [&](const Event& event) {
@@ -193,13 +250,12 @@ class Pipeline {
         if (should_detect(event.t) || should_wait_for_result(event.t)) due = event.t;
         return due.has_value();
       };
-      const auto deliver_timed = [&](const PoseEstimate& pose) { deliver(pose, block.pushed); };
+      const auto deliver_timed = [&](const PoseEstimate& pose) { deliver(pose, block.pushed()); };
       left =
           left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, feed_detector, deliver_timed));
       if (!due) continue;
       if (should_detect(*due)) {
-        const bool may_wait = !core_->searching();  // for a free processor, as no marker is missing
-        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame(), may_wait);
+        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame());
       }
       if (should_wait_for_result(*due))
         while (core_->result_pending() && !stopping_) receive_detection(kPatience, deliver_timed);
@@ -232,7 +288,7 @@ class Pipeline {
   void deliver(const PoseEstimate& pose, std::optional<Clock::time_point> pushed) {
     if (stopping_.load(std::memory_order_relaxed)) return;
     if (pushed) push_to_pose_.add(Clock::now() - *pushed);
-    ++delivered_.poses;
+    ++progress_.poses;
     call(on_pose_, pose);
   }
 
@@ -248,7 +304,7 @@ class Pipeline {
       ticks_.clear();
       for (const auto& marker : core_->markers())
         ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, pushed_until) : marker.estimate());
-      ++delivered_.ticks;
+      ++progress_.ticks;
       call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
     }
   }
@@ -258,7 +314,7 @@ class Pipeline {
     while (!stopping_) {
       const auto trigger = intake_.take_trigger(block_number);
       if (!trigger) return;
-      ++delivered_.triggers;
+      ++progress_.triggers;
       call(settings_.on_trigger, *trigger);
     }
   }
@@ -281,7 +337,7 @@ class Pipeline {
   EventIntake intake_;
   const TickClock initial_clock_;
   LatencyHistogram push_to_pose_, queue_wait_, detection_time_;
-  std::atomic<bool> stopping_{false}, detection_on_{true};
+  std::atomic<bool> started_{false}, stopping_{false}, detection_on_{true};
 
   std::mutex control_;  // held by `start` and `stop`, guards thread_
   std::thread thread_;
@@ -290,8 +346,7 @@ class Pipeline {
   // Used by the tracking thread alone while it runs:
   std::optional<TrackerCore<Rule, Filter>> core_;
   std::optional<DetectionThread<Detector>> detection_thread_;
-  Delivered delivered_;
-  std::uint64_t last_block_ = 0;
+  Progress progress_;
   TickClock clock_;
   std::vector<PoseEstimate> ticks_;  // poses of one tick
 };

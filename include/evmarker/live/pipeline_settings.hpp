@@ -12,19 +12,23 @@
 
 namespace evmarker::live {
 
+/// How the tracking thread competes with other threads for a processor.
+enum class TrackingPriority {
+  automatic,  ///< with real-time priority where that is permitted, see `Status::real_time`; on Linux, and not with
+              ///< `wait_for_detector`
+  normal      ///< like any other thread
+};
+
 /// Settings of a pipeline: its tracker, its queue, its detector's thread and its callbacks.
 template <PoseUpdateRule Rule = KalmanUpdate>
 struct PipelineSettings {
   TrackerSettings<Rule> tracker{};
   OverloadPolicy overload = OverloadPolicy::drop_oldest;
-  std::size_t queue_events = 1u << 18;  ///< room in the queue, 16 bytes each; a push takes room for 256 or more
+  std::size_t queue_events = 1u << 18;  ///< room in the queue, 16 bytes each
   /// Whether tracking waits for a detection that takes longer than `tracker.detection_latency` of camera time: then the
   /// poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
-  /// Whether the detector, once all markers are tracked, only uses free processors, so that tracking never waits for
-  /// one (Linux: SCHED_IDLE). Once a detection has taken more than 0.2 s, as where other programs keep all processors
-  /// busy, it competes for processors again. Has no effect with `wait_for_detector`.
-  bool detect_when_idle = true;
+  TrackingPriority priority = TrackingPriority::automatic;
   std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts
 
   /// Called at every multiple of `tick_interval` in camera time, with the poses of all tracked markers predicted for

@@ -1,7 +1,9 @@
 #pragma once
 // The state of the tracking thread, published for other threads.
+#include <algorithm>
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <string>
 #include <utility>
@@ -13,9 +15,15 @@
 
 namespace evmarker::live {
 
-/// How many poses, ticks and trigger events the tracking thread has delivered to callbacks.
-struct Delivered {
-  std::uint64_t poses = 0, ticks = 0, triggers = 0;
+/// How far the tracking thread has come: what it has delivered to callbacks, and the number of the last block that it
+/// has tracked.
+struct Progress {
+  std::uint64_t poses = 0, ticks = 0, triggers = 0, block = 0;
+};
+
+/// A moment in a run of the pipeline, by what had been put into its queue.
+struct PushMark {
+  std::uint64_t run = 0, block = 0, triggers = 0;
 };
 
 /// The state of the tracking thread when it was last published. All functions may be called from any thread.
@@ -28,8 +36,11 @@ class PublishedState {
     intake.open();
     status_ = {};
     status_.running = true;
-    taken_ = triggers_taken_ = 0;
+    ++run_;
+    taken_ = 0;
+    progress_ = {};
     last_t_ = 0;
+    failed_ = false;
     first_error_ = nullptr;
     markers_.clear();
   }
@@ -41,29 +52,35 @@ class PublishedState {
     markers_.clear();
   }
 
-  /// Publishes the present state of the tracker.
-  template <EventFilter Filter>
-  void publish(const TrackerCore<Rule, Filter>& core, const Delivered& delivered) {
-    const TrackerStatistics& tracker = core.statistics();
+  bool running() const {
     const std::lock_guard lock(mutex_);
-    triggers_taken_ = delivered.triggers;
-    status_.ticks = delivered.ticks;
-    if (taken_ == tracker.events && status_.poses == delivered.poses && status_.registered == tracker.registered &&
-        status_.replayed == tracker.replayed)
-      return;
-    taken_ = tracker.events;
-    last_t_ = core.last_t();
-    status_.filtered = tracker.filtered;
-    status_.time_faults = tracker.time_faults;
-    status_.off_sensor = tracker.off_sensor;
-    status_.poses = delivered.poses;
-    status_.detections = tracker.detections;
-    status_.registered = tracker.registered;
-    status_.replayed = tracker.replayed;
-    status_.replays_cut = tracker.replays_cut;
-    status_.lost = tracker.lost;
+    return status_.running;
+  }
+
+  void set_real_time(bool real_time) {
+    const std::lock_guard lock(mutex_);
+    status_.real_time = real_time;
+  }
+
+  /// Publishes the present state of the tracker, or leaves it to the next time if another thread is reading: the
+  /// tracking thread does not wait for one that may have to wait for a processor.
+  template <EventFilter Filter>
+  void publish(const TrackerCore<Rule, Filter>& core, const Progress& progress) {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock || !set_counters(core, progress)) return;
     markers_.clear();
     for (const auto& marker : core.markers()) markers_.push_back({marker.estimate(), marker.follower().rule()});
+  }
+
+  /// Publishes the last state of the tracker, and that the exception that is being handled has ended the tracking.
+  template <EventFilter Filter>
+  void fail(const TrackerCore<Rule, Filter>& core, const Progress& progress) {
+    const std::lock_guard lock(mutex_);
+    set_counters(core, progress);
+    status_.running = false;
+    markers_.clear();
+    failed_ = true;
+    set_error();
   }
 
   /// Counts the exception that is being handled, and keeps the first one.
@@ -71,15 +88,13 @@ class PublishedState {
   void keep_error(std::uint64_t Status::*counter) {
     const std::lock_guard lock(mutex_);
     ++(status_.*counter);
-    if (!status_.error.empty()) return;
-    first_error_ = std::current_exception();
-    status_.error = "unknown exception";
-    try {
-      throw;
-    } catch (const std::exception& error) {
-      if (*error.what() != '\0') status_.error = error.what();
-    } catch (...) {
-    }
+    if (status_.error.empty()) set_error();
+  }
+
+  /// Throws the exception that ended the tracking, if one did.
+  void rethrow_failure() const {
+    const std::lock_guard lock(mutex_);
+    if (failed_ && first_error_) std::rethrow_exception(first_error_);
   }
 
   /// Returns the exception that was kept, and forgets it; null if there is none.
@@ -97,13 +112,17 @@ class PublishedState {
     return status;
   }
 
-  /// True while the pipeline runs and has events that were neither tracked nor dropped, or triggers that were neither
-  /// delivered nor dropped.
-  bool busy(const EventIntake& intake) const {
+  /// What has been pushed until now.
+  PushMark mark(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
-    const std::uint64_t dropped = intake.dropped(), triggers_dropped = intake.triggers_dropped();
-    return status_.running &&
-           (intake.pushed() > taken_ + dropped || intake.triggers_pushed() > triggers_taken_ + triggers_dropped);
+    return {run_, intake.last_number(), intake.triggers_taken_in()};
+  }
+
+  /// True if everything that was pushed before the mark has been tracked and delivered, or dropped.
+  bool has_passed(const PushMark& mark) const {
+    const std::lock_guard lock(mutex_);
+    return !status_.running || run_ != mark.run ||
+           (progress_.block >= mark.block && progress_.triggers >= mark.triggers);
   }
 
   /// See Pipeline::poses_at.
@@ -124,6 +143,45 @@ class PublishedState {
     Rule rule;  // predicts the pose
   };
 
+  // Returns false if the markers are those of the last time.
+  template <EventFilter Filter>
+  bool set_counters(const TrackerCore<Rule, Filter>& core, const Progress& progress) {
+    const TrackerStatistics& tracker = core.statistics();
+    const bool same = taken_ == tracker.events && progress_.poses == progress.poses &&
+                      status_.registered == tracker.registered && status_.replayed == tracker.replayed;
+    progress_ = progress;
+    if (same) return false;
+    taken_ = tracker.events;
+    last_t_ = core.last_t();
+    status_.filtered = tracker.filtered;
+    status_.time_faults = tracker.time_faults;
+    status_.off_sensor = tracker.off_sensor;
+    status_.detections = tracker.detections;
+    status_.registered = tracker.registered;
+    status_.replayed = tracker.replayed;
+    status_.replays_cut = tracker.replays_cut;
+    status_.lost = tracker.lost;
+    return true;
+  }
+
+  // Keeps the exception that is being handled, and its message.
+  void set_error() noexcept {
+    first_error_ = std::current_exception();
+    const auto set_message = [this](const char* message) noexcept {
+      try {
+        status_.error = *message != '\0' ? message : "unknown exception";
+      } catch (...) {  // there is no memory: the exception itself is kept
+      }
+    };
+    try {
+      throw;
+    } catch (const std::exception& error) {
+      set_message(error.what());
+    } catch (...) {
+      set_message("");
+    }
+  }
+
   // The counters as one consistent set. An event moves on from counter to counter while they are read. They are read in
   // the opposite order, the number of pushed events last, so that no difference is negative.
   Status counters(const EventIntake& intake) const {
@@ -135,18 +193,24 @@ class PublishedState {
     status.triggers = intake.triggers_pushed();
     status.events = intake.pushed();
     status.processed = taken_ - status.filtered - status.time_faults - status.off_sensor;
+    status.poses = progress_.poses;
+    status.ticks = progress_.ticks;
     status.queue_depth = status.events - taken_ - status.dropped;
+    constexpr std::uint64_t kMost = std::numeric_limits<Timestamp>::max();  // wrong times may be further apart
     const Timestamp pushed_t = intake.last_t();
-    if (status.queue_depth > 0 && taken_ > 0 && pushed_t > last_t_) status.backlog_us = pushed_t - last_t_;
+    if (status.queue_depth > 0 && taken_ > 0 && pushed_t > last_t_)
+      status.backlog_us = static_cast<Timestamp>(std::min(elapsed_us(last_t_, pushed_t), kMost));
     return status;
   }
 
   mutable std::mutex mutex_;
   Status status_;            // counters of the tracking thread
+  std::uint64_t run_ = 0;    // number of the start
   std::uint64_t taken_ = 0;  // events that the tracker has taken
-  Timestamp last_t_ = 0;     // of the last one [us]
-  std::uint64_t triggers_taken_ = 0;
-  std::exception_ptr first_error_;
+  Progress progress_;
+  Timestamp last_t_ = 0;            // of the last event taken [us]
+  bool failed_ = false;             // an exception ended the tracking
+  std::exception_ptr first_error_;  // or the one that ended the tracking
   std::vector<Tracked> markers_;
 };
 

@@ -19,7 +19,8 @@ struct MarkerStatus {
 /// Counters since the last start. At any time, exactly: events = processed + filtered + off_sensor + time_faults +
 /// dropped + queue_depth.
 struct Status {
-  bool running = false;
+  bool running = false;                ///< neither stopped nor ended by an error
+  bool real_time = false;              ///< the tracking thread has real-time priority; if not, see kRealTimeHint
   std::uint64_t events = 0;            ///< pushed
   std::uint64_t processed = 0;         ///< tracked
   std::uint64_t filtered = 0;          ///< not supported by a neighbour: used only for markers that are tracked already
@@ -41,8 +42,9 @@ struct Status {
   std::uint64_t lost = 0;              ///< how often a registered marker was lost
   std::uint64_t callback_errors = 0;   ///< exceptions that the callbacks threw
   std::uint64_t detector_errors = 0;   ///< exceptions that the detector or the use of its result threw
-  std::string error;                   ///< message of the first exception; empty if there was none
-  Latency push_to_pose;                ///< from `push` of the event that completed a pose to its delivery
+  std::string error;                   ///< message of the first exception, or of the one that ended the tracking
+  Latency push_to_pose;                ///< from `push` of the event that completed a pose, or of one that waited in the
+                                       ///< same block of 256, to its delivery
   Latency queue_wait;                  ///< from the `push` of a block of events to the begin of its tracking
   Latency detection;                   ///< of a detection, from the request on, waiting for a processor included
   std::vector<MarkerStatus> markers;   ///< being tracked

@@ -30,13 +30,13 @@ class TickClock {
 
   /// Sets camera time by a block of events; to be called with every block before it is tracked.
   void begin(const EventBlock& block) noexcept {
-    const Timestamp first = block.events[0].t, last = block.events[block.size - 1].t;
+    const Timestamp first = block.span().front().t, last = block.span().back().t;
     const bool back = first < last_t_ && elapsed_us(first, last_t_) > kDisorder_us;
     // The next tick is too far ahead, after a wrong time or a step back within a block.
     const bool lost = first < next_ && elapsed_us(first, next_) > gap_us_ + static_cast<std::uint64_t>(interval_us_);
     if (!started_ || back || lost) start(first);
     last_t_ = last;
-    last_pushed_ = block.pushed;
+    last_pushed_ = block.last_pushed();
   }
 
   /// Takes the next tick that is due by a camera time: returns its time and goes on to the one after it. Null if none
@@ -91,7 +91,7 @@ class TickClock {
   bool started_ = false;
   Timestamp next_ = kNever;        // of the next tick
   Timestamp last_t_ = 0;           // of the last event of the last block
-  Clock::time_point last_pushed_;  // when that block was pushed
+  Clock::time_point last_pushed_;  // when that event was pushed
 };
 
 }  // namespace evmarker::live
