@@ -71,7 +71,8 @@ TEST_CASE("CsvReader: column names give order and unit") {
 
 TEST_CASE("CsvReader: times too far apart to be shifted are refused with their line") {
   const std::string first = "1,1,1,-9223372036854775808\n", last = "1,1,1,9223372036854775807\n";
-  const CsvReaderOptions shift{.sensor_size = SensorSize{640, 480}, .shift_first_time_to_zero = true};
+  const CsvReaderOptions shift{
+      .sensor_size = SensorSize{640, 480}, .shift_first_time_to_zero = true, .layout = {.columns = "xypt"}};
   CHECK(contains(error_in(first + last, shift), "line 2: t is 9223372036854775807 us, too far from the first time"));
   CHECK(contains(error_in(last + "1,1,1,-2\n", shift), "line 2: t is -2 us"));
   CHECK(read(first + "1,1,1,-1\n", shift) == std::vector<Event>{{1, 1, 1, 0}, {1, 1, 1, 9223372036854775807}});
