@@ -85,7 +85,7 @@ class TimeHighDecoder {
   // How far the counter goes from one word to another, without steps back.
   static std::uint32_t ahead(std::uint32_t from, std::uint32_t to) noexcept { return (to - from) & (kRange - 1); }
   static bool far(std::uint32_t from, std::uint32_t to) noexcept {
-    return ahead(from, to) >= kNear && ahead(to, from) >= kNear;
+    return ahead(from, to + (kNear - 1)) > 2 * (kNear - 1);  // kNear or more ahead, and as far behind
   }
   static bool contradicts(std::uint32_t last, std::uint32_t high, std::uint32_t next) noexcept {
     return far(last, high) && far(high, next) && ahead(last, next) < ahead(last, high);

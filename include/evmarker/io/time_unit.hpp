@@ -2,6 +2,7 @@
 // Units of the times in text.
 #include <array>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -23,37 +24,19 @@ constexpr const char* to_string(TimeUnit unit) noexcept {
 constexpr int places_to_microseconds(TimeUnit unit) noexcept { return 6 - 3 * static_cast<int>(unit); }
 
 /// The unit of a word in lower case like `ns`, `usec`, `milliseconds`, `µs`; nothing for any other word.
-constexpr std::optional<TimeUnit> time_unit_named(std::string_view word) noexcept {
-  constexpr auto s = TimeUnit::seconds, ms = TimeUnit::milliseconds, us = TimeUnit::microseconds,
-                 ns = TimeUnit::nanoseconds;
-  constexpr std::array<std::pair<std::string_view, TimeUnit>, 18> words{{
-      {"s", s},
-      {"sec", s},
-      {"second", s},  //
-      {"ms", ms},
-      {"msec", ms},
-      {"milli", ms},
-      {"millisec", ms},
-      {"millisecond", ms},  //
-      {"us", us},
-      {"usec", us},
-      {"micro", us},
-      {"microsec", us},
-      {"microsecond", us},  //
-      {"ns", ns},
-      {"nsec", ns},
-      {"nano", ns},
-      {"nanosec", ns},
-      {"nanosecond", ns},
+inline std::optional<TimeUnit> time_unit_named(std::string_view word) {
+  constexpr std::array<std::pair<TimeUnit, std::string_view>, 4> names{{
+      {TimeUnit::seconds, " s sec secs second seconds "},
+      {TimeUnit::milliseconds, " ms msec msecs milli millis millisec millisecs millisecond milliseconds "},
+      {TimeUnit::microseconds,
+       " us usec usecs micro micros microsec microsecs microsecond microseconds "
+       "\xC2\xB5s \xCE\xBCs "},  // micro sign, Greek letter
+      {TimeUnit::nanoseconds, " ns nsec nsecs nano nanos nanosec nanosecs nanosecond nanoseconds "},
   }};
-  for (const std::string_view mu : {"\xC2\xB5", "\xCE\xBC"})  // micro sign, Greek letter
-    if (word.starts_with(mu))
-      return word == mu                                     ? std::nullopt
-             : time_unit_named(word.substr(mu.size())) == s ? std::optional(us)
-                                                            : std::nullopt;
-  if (word.size() > 2 && word.ends_with('s')) word.remove_suffix(1);
-  for (const auto& [name, unit] : words)
-    if (word == name) return unit;
+  if (word.empty() || word.find(' ') != std::string_view::npos) return std::nullopt;
+  const std::string between_blanks = ' ' + std::string(word) + ' ';
+  for (const auto& [unit, words] : names)
+    if (words.find(between_blanks) != std::string_view::npos) return unit;
   return std::nullopt;
 }
 
