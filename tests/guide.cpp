@@ -54,6 +54,8 @@ void threads(const PinholeCamera& camera, const Detector& detector, std::span<co
   pipeline.push(events);                                       // a range, or begin and end, from any thread
   const auto now = pipeline.poses_at(t);                       // every marker moved on to a time, for a fixed rate
   const auto status = pipeline.status();                       // events in, filtered, dropped, backlog, latency, markers
+  pipeline.flush();                                            // at the end: waits until all that was pushed is tracked
+  pipeline.stop();                                             // drops what is left, throws what was thrown on the threads
 }
 
 void settings(const PinholeCamera& camera, const Detector& detector, const Pose& T_camera_marker) {

@@ -204,12 +204,13 @@ class Pipeline {
         core_->skip_to(block->first_t(), deliver_untimed());
       track(*block);
       progress_.block = block->number();
+      published_.publish(*core_, progress_);  // before its room is free, so that no more waits than there is room for
     } else {
       catch_up();
       deliver_triggers(progress_.block + 1);
       if (ticks_by_wall()) deliver_ticks(clock_.now(Clock::now()), kPushedUntilUnknown);
+      published_.publish(*core_, progress_);
     }
-    published_.publish(*core_, progress_);
   }
 
   // Gives a block back at the end of its turn, and counts those of its events as dropped that were not tracked.

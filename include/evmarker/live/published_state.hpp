@@ -62,11 +62,13 @@ class PublishedState {
     status_.real_time = real_time;
   }
 
-  /// Publishes the present state of the tracker, or leaves it to the next time if another thread is reading: the
-  /// tracking thread does not wait for one that may have to wait for a processor.
+  /// Publishes the present state of the tracker, or leaves it to the next time if another thread goes on reading: the
+  /// tracking thread does not wait for one that has to wait for a processor.
   template <EventFilter Filter>
   void publish(const TrackerCore<Rule, Filter>& core, const Progress& progress) {
-    const std::unique_lock lock(mutex_, std::try_to_lock);
+    constexpr int kTries = 1000;  // longer than a reader takes
+    std::unique_lock lock(mutex_, std::try_to_lock);
+    for (int i = 0; i < kTries && !lock; ++i) lock.try_lock();
     if (!lock || !set_counters(core, progress)) return;
     markers_.clear();
     for (const auto& marker : core.markers()) markers_.push_back({marker.estimate(), marker.follower().rule()});
