@@ -8,6 +8,7 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <numbers>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -16,6 +17,7 @@
 
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
+#include "evmarker/update/decoupled_update.hpp"
 #include "sanitized.hpp"
 #include "simulated.hpp"
 
@@ -483,6 +485,29 @@ TEST_CASE("times at the ends of their range do no harm") {
   CHECK(poses > 0);
   CHECK(tracker.statistics().events == 2 * events.size());
   CHECK(tracker.statistics().time_steps_back > events.size() / 40);
+}
+
+TEST_CASE_TEMPLATE("a recording that is played on end, and whose ends meet, never loses its marker", Rule,
+                   DecoupledUpdate, KalmanUpdate) {
+  constexpr Timestamp kRound = 1000000;
+  const Trajectory motion = [](double s) {  // repeats itself every second
+    const double w = 2 * std::numbers::pi * s;
+    return facing_pose({0.08 * std::sin(w + 1), 0.06 * std::sin(2 * w + 2), 0.6 + 0.06 * std::cos(w)},
+                       {0.3 * std::sin(w), 0.3 * std::cos(w + 1), 0.2 * std::sin(2 * w)});
+  };
+  const auto events = simulated::near_events(motion, 1e-6 * kRound, 66);
+  Tracker<TrueDetector, Rule> tracker(simulated::camera, TrueDetector{motion});
+  AccuracyMeter meter;
+  const int rounds = kSanitized ? 2 : 6;
+  for (int round = 0; round < rounds; ++round)
+    for (Event event : events) {
+      event.t += round * kRound;
+      for (const PoseEstimate& pose : tracker.push(event)) meter.add(pose, motion(seconds(pose.t)));
+    }
+  REQUIRE(meter.tracking() > static_cast<std::size_t>(2000 * rounds));
+  CHECK(tracker.statistics().registered == 1);
+  CHECK(tracker.statistics().lost == 0);
+  CHECK(meter.coverage(rounds * kRound) > 0.97);
 }
 
 TEST_CASE("several markers are tracked at once, each by its own id") {
