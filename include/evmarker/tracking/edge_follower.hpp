@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "evmarker/base/require.hpp"
+#include "evmarker/base/so3.hpp"
 #include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
