@@ -33,8 +33,7 @@ class DetectionThread {
   /// @param max_events kept between two requests; if there are more, the request copies the whole frame
   /// @throws std::system_error if the thread cannot be started
   DetectionThread(Detector& detector, SensorSize size, std::size_t max_events)
-      : detector_(detector), max_events_(max_events), frame_(size), job_{{},    {},           PolarityFrame(size),
-                                                                         false, Clock::now(), {}} {
+      : detector_(detector), max_events_(max_events), frame_(size), job_{.frame = PolarityFrame(size)} {
     new_events_.reserve(max_events);
     job_.events.reserve(max_events);
     thread_ = std::thread([this] { work(); });  // last: nothing throws after it
@@ -78,12 +77,12 @@ class DetectionThread {
 
  private:
   struct Job {
-    DetectionRequest request;
-    std::vector<Event> events;
+    DetectionRequest request{};
+    std::vector<Event> events{};
     PolarityFrame frame;
-    bool frame_is_copied;  // `frame` is to be used: there were more events than `events` holds
-    Clock::time_point requested;
-    Outcome outcome;
+    bool frame_is_copied = false;  // `frame` is to be used: there were more events than `events` holds
+    Clock::time_point requested{};
+    Outcome outcome{};
   };
 
   // The detector's thread: does jobs until one is null.

@@ -255,9 +255,7 @@ class Pipeline {
       left =
           left.subspan(core_->push(settings_.on_tick ? clock_.before_next(left) : left, feed_detector, deliver_timed));
       if (!due) continue;
-      if (should_detect(*due)) {
-        detection_thread_->start(core_->request_detection(*due), core_->polarity_frame());
-      }
+      if (should_detect(*due)) detection_thread_->start(core_->request_detection(*due), core_->polarity_frame());
       if (should_wait_for_result(*due))
         while (core_->result_pending() && !stopping_) receive_detection(kPatience, deliver_timed);
     }

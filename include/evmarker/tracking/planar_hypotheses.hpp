@@ -71,9 +71,9 @@ class PlanarHypotheses {
   }
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
-  /// Takes that its id was detected, and where. True if it was detected elsewhere so often in a row that the tracker
+  /// Counts a detection of its id, at its place or elsewhere. True after so many elsewhere in a row that the tracker
   /// must be following something else.
-  bool contradicted_by_detections(bool elsewhere) noexcept {
+  bool count_detection(bool elsewhere) noexcept {
     detected_elsewhere_ = elsewhere ? detected_elsewhere_ + 1 : 0;
     return detected_elsewhere_ >= kOftenElsewhere;
   }

@@ -340,7 +340,7 @@ class TrackerCore {
     }
     PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
     if (marker == nullptr) return;
-    const bool away = elsewhere(*marker), often = marker->contradicted_by_detections(away);
+    const bool away = elsewhere(*marker), often = marker->count_detection(away);
     if (!often && !(away && marker->silent_for(settings_.detection_interval, detection.t))) return;
     collect(marker->tracker().lose(LossReason::replaced));
     confirmed_.erase(detection.id);
