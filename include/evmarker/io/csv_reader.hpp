@@ -60,11 +60,11 @@ class CsvReader {
           lines_.path(),
           "no sensor size: give it in the options (sensor_size) or, for x,y,p,t in us, in a first line "
           "'%geometry:WIDTH,HEIGHT'");
-    if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > kMaxSide ||
-        text_.size->height > kMaxSide)
+    if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > detail::kMaxSide ||
+        text_.size->height > detail::kMaxSide)
       throw std::invalid_argument("sensor_size is " + std::to_string(text_.size->width) + " x " +
-                                  std::to_string(text_.size->height) + ", must be in 1.." + std::to_string(kMaxSide) +
-                                  " a side");
+                                  std::to_string(text_.size->height) + ", must be in 1.." +
+                                  std::to_string(detail::kMaxSide) + " a side");
     for (std::size_t i = 0; i < text_.leading_lines; ++i) lines_.next();
     batch_.reserve(kBatchEvents);
   }
@@ -105,7 +105,6 @@ class CsvReader {
 
  private:
   static constexpr std::size_t kBatchEvents = 8192;
-  static constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;
 
   struct Fields {
     std::int64_t x = 0, y = 0, p = 0;
@@ -189,7 +188,7 @@ class CsvReader {
 
   std::int64_t parse_coordinate(std::string_view field, const char* name) const {
     const auto value = parse_integer(field);
-    if (!value || *value >= kMaxSide) throw malformed(name, field);
+    if (!value || *value >= detail::kMaxSide) throw malformed(name, field);
     return *value;
   }
 

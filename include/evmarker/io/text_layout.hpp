@@ -39,6 +39,9 @@ struct RecognizedText {
 
 namespace detail {
 
+/// Longest side of a sensor: an event's x and y have 16 bits [px].
+inline constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;
+
 /// The first lines of a text recording, taken apart.
 class TextHead {
  public:
@@ -107,8 +110,6 @@ class TextHead {
       text.fault = "line " + std::to_string(line_number_) + ": sensor size is '" + std::string(value.substr(0, 40)) +
                    "', must be width and height in 1.." + std::to_string(kMaxSide) + " px";
   }
-
-  static constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;  // what an event's x and y can be
 
   std::optional<char> given_;
   std::size_t line_number_ = 0;
