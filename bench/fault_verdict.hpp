@@ -35,6 +35,8 @@ class FaultVerdict {
 
   /// To be called when a recording has ended, with the moments at which its faults began.
   void end_recording(std::span<const Timestamp> moments, Timestamp fault_us) {
+    for (const WildStretch& stretch : wild_stretches(poses_, Verdict::kSlot))
+      longest_wrong_ms_ = std::max(longest_wrong_ms_, stretch.length_ms);
     for (std::size_t i = 0; i < moments.size(); ++i) {
       const Timestamp until = i + 1 < moments.size() ? moments[i + 1] : std::numeric_limits<Timestamp>::max();
       settled_ms_ = std::max(settled_ms_, settled_ms(moments[i], moments[i] + fault_us, until));
@@ -44,6 +46,8 @@ class FaultVerdict {
   std::size_t tracking() const { return tracking_; }
   /// Poses that are called `tracking` and are far from the truth, see JudgedPose::wild.
   std::size_t wrong() const { return wrong_; }
+  /// Longest time in which all poses were wrong.
+  double longest_wrong_ms() const { return longest_wrong_ms_; }
   /// Largest errors of the poses that are called `tracking`.
   const PoseError& worst() const { return worst_; }
   /// Longest time from the end of a fault until the marker was tracked for good; infinite if it never was.
@@ -77,7 +81,7 @@ class FaultVerdict {
   std::array<std::size_t, kLossReasons> losses_{};
   std::size_t tracking_ = 0, wrong_ = 0;
   PoseError worst_;
-  double settled_ms_ = 0;
+  double settled_ms_ = 0, longest_wrong_ms_ = 0;
 };
 
 }  // namespace evmarker::bench

@@ -63,6 +63,32 @@ struct Run {
   }
 };
 
+/// A time in which every pose was wild.
+struct WildStretch {
+  Timestamp begin = 0;
+  double length_ms = 0;
+};
+
+/// A pose holds until the next one, but no longer than `longest_us`.
+inline std::vector<WildStretch> wild_stretches(const std::vector<JudgedPose>& poses, Timestamp longest_us) {
+  std::vector<WildStretch> found;
+  for (std::size_t i = 0; i < poses.size();) {
+    if (!poses[i].wild()) {
+      ++i;
+      continue;
+    }
+    const Timestamp begin = poses[i].t;
+    Timestamp end = begin;
+    for (bool linked = true; linked && i < poses.size() && poses[i].wild(); ++i) {
+      end = poses[i].t + longest_us;
+      if (i + 1 < poses.size()) end = std::min(end, poses[i + 1].t);
+      linked = i + 1 < poses.size() && end == poses[i + 1].t;
+    }
+    found.push_back({begin, static_cast<double>(end - begin) * 1e-3});
+  }
+  return found;
+}
+
 /// When a marker was out of sight: nothing of it is visible from `gone` on, something from `returning` on, and all of
 /// it from `back` on.
 struct Absence {
@@ -167,23 +193,10 @@ class Verdict {
     for (const Absence& absence : bench::absences(situation, marker)) add_absence(absence, poses, marker);
   }
 
-  // A pose holds until the next one, but no longer than a slot.
   void add_wild_stretches(const std::vector<JudgedPose>& poses, std::size_t marker) {
-    for (std::size_t i = 0; i < poses.size();) {
-      if (!poses[i].wild()) {
-        ++i;
-        continue;
-      }
-      const Timestamp begin = poses[i].t;
-      Timestamp end = begin;
-      for (bool linked = true; linked && i < poses.size() && poses[i].wild(); ++i) {
-        end = poses[i].t + kSlot;
-        if (i + 1 < poses.size()) end = std::min(end, poses[i + 1].t);
-        linked = i + 1 < poses.size() && end == poses[i + 1].t;
-      }
-      const double stretch_ms = static_cast<double>(end - begin) * 1e-3;
-      longest_wild_ms_ = std::max(longest_wild_ms_, stretch_ms);
-      note("wild_ms", marker, begin, stretch_ms);
+    for (const WildStretch& stretch : wild_stretches(poses, kSlot)) {
+      longest_wild_ms_ = std::max(longest_wild_ms_, stretch.length_ms);
+      note("wild_ms", marker, stretch.begin, stretch.length_ms);
     }
   }
 
