@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
-#include <fstream>
 #include <numbers>
 #include <random>
 #include <span>
@@ -14,11 +14,11 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/events/event_stream.hpp"
 #include "evmarker/live/pipeline.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/simulation/simulator.hpp"
 #include "evmarker/simulation/trajectory.hpp"
+#include "periodic_recording.hpp"
+#include "resident_memory.hpp"
 
 using namespace evmarker;
 using live::OverloadPolicy;
@@ -29,31 +29,27 @@ constexpr Timestamp kSecond = 1000000, kMillisecond = 1000;
 const PinholeCamera kCamera{{640, 480}, 533, 533, 319.5, 239.5};
 const opencv::ArucoDetectorSettings kMarker{.dictionary = "DICT_4X4_50", .marker_length = 0.1};
 
+// Turns once in a second.
+bench::PeriodicRecording turning_marker() {
+  const Trajectory motion = trajectory::spin(facing_pose({0, 0, 0.4}), {0, 0, 1}, 2 * std::numbers::pi);
+  bench::Situation situation{kCamera, {}, {.seed = 1}};
+  situation.scene.markers.push_back(bench::detail::marker(7, kMarker.marker_length, motion));
+  return {situation, kSecond};
+}
+
 // The events of one marker that turns once in a second, for ever.
 class TurningMarker {
  public:
-  TurningMarker() {
-    const Trajectory motion = trajectory::spin(facing_pose({0, 0, 0.4}), {0, 0, 1}, 2 * std::numbers::pi);
-    const CodeBits bits = opencv::ArucoDetector(kCamera, kMarker).bits(7);
-    Simulator simulator(kCamera, {{.id = 7, .length = kMarker.marker_length, .bits = bits, .T_camera_marker = motion}},
-                        SimulatorSettings{.duration_s = 2, .seed = 1});
-    for_each_event(simulator, [&](Event event) {
-      if (event.t < kSecond) return;  // in the first turn, pixels see their first edge
-      event.t -= kSecond;
-      turn_.push_back(event);
-    });
-  }
-
-  std::size_t events_in_a_second() const noexcept { return turn_.size(); }
+  std::size_t events_in_a_second() const noexcept { return turn_.events().size(); }
 
   template <typename Use>
   void for_each_until(Timestamp end, Use&& use) {
     for (;; ++next_) {
-      if (next_ == turn_.size()) {
+      if (next_ == turn_.events().size()) {
         next_ = 0;
         turned_ += kSecond;
       }
-      Event event = turn_[next_];
+      Event event = turn_.events()[next_];
       event.t += turned_;
       if (event.t >= end) return;
       use(event);
@@ -63,17 +59,10 @@ class TurningMarker {
   void restart() noexcept { next_ = 0, turned_ = 0; }
 
  private:
-  std::vector<Event> turn_;
+  const bench::PeriodicRecording turn_ = turning_marker();
   std::size_t next_ = 0;
   Timestamp turned_ = 0;
 };
-
-long resident_mb() {
-  constexpr long kPageKb = 4;
-  long pages = 0;
-  std::ifstream("/proc/self/statm") >> pages >> pages;
-  return pages * kPageKb / 1024;
-}
 
 // The marker alone for a second, with a flood of other events for some seconds, and alone again for a second.
 class Flood {
@@ -114,7 +103,7 @@ class Record {
   void add(const live::Status& s, Timestamp t) {
     exact_ = exact_ && s.events == s.processed + s.filtered + s.off_sensor + s.dropped + s.queue_depth;
     most_waiting_ = std::max(most_waiting_, s.queue_depth);
-    most_mb_ = std::max(most_mb_, resident_mb());
+    most_mb_ = std::max(most_mb_, std::lround(bench::resident_mb()));
     if (t == 2 * kSecond) mb_at_first_ = most_mb_;
   }
 
