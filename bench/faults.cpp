@@ -105,6 +105,8 @@ std::vector<Row> play(const Options& options) {
   std::vector<Row> rows;
   for (bench::Fault& fault : bench::all_faults())
     if (rows.empty() || fault.name.find(options.only) != std::string::npos) rows.push_back({std::move(fault), {}, {}});
+  if (rows.size() == 1 && rows.front().fault.name.find(options.only) == std::string::npos)
+    throw std::invalid_argument("--only: no fault has \"" + options.only + "\" in its name");
   console::ProgressBar progress(options.quiet);
   std::size_t done = 0;
   for (const std::uint64_t seed : options.seeds) {

@@ -163,11 +163,15 @@ class Soak {
   live::Pipeline<opencv::ArucoDetector<PinholeCamera>> pipeline_;
 };
 
-// Throws if something has changed in the course of time.
+// Throws if something has changed in the course of time, or it was interrupted.
 void run(const Options& options) {
   interruption::watch();
   Soak soak(options);
-  const std::string fault = bench::find_fault(soak.play());
+  const auto& minutes = soak.play();
+  const std::string fault = bench::find_fault(minutes);
+  if (interruption::requested)
+    throw console::Exit(128 + interruption::caught_signal, "interrupted after " + std::to_string(minutes.size()) +
+                                                               " minutes: " + (fault.empty() ? "unchanged" : fault));
   if (!fault.empty()) throw std::runtime_error(fault);
   std::puts("unchanged: memory within 1 MB, error and NEES within 2 %, nothing dropped or lost");
 }

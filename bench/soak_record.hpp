@@ -88,7 +88,7 @@ inline std::string find_fault(std::span<const SoakMinute> minutes, const SoakLim
                                     {"rotation error", &SoakCounts::rms_deg},
                                     {"NEES", &SoakCounts::mean_nees}}) {
     const double before = (first.counts.*value)(), after = (last.counts.*value)();
-    if (std::abs(after - before) <= limits.change * before) continue;  // false for NaN
+    if (std::abs(after - before) <= limits.change * before) continue;  // not where one is NaN
     std::snprintf(text, sizeof text, "%s has changed from %.4f to %.4f", name, before, after);
     return text;
   }
