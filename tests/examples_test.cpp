@@ -141,6 +141,14 @@ class Child {
     return at != std::string::npos && (std::stoull(status.substr(at + 7), nullptr, 16) >> (signal - 1) & 1) != 0;
   }
 
+  /// True while the program has this file open.
+  bool reads(const std::filesystem::path& file) const {
+    std::error_code gone;
+    const std::filesystem::directory_iterator open("/proc/" + std::to_string(pid_) + "/fd", gone);
+    return std::any_of(begin(open), end(open),
+                       [&](const auto& entry) { return std::filesystem::equivalent(entry.path(), file, gone); });
+  }
+
   void kill(int signal) { ::kill(pid_, signal); }
 
   Result wait() {
@@ -775,7 +783,7 @@ TEST_CASE("examples: an interruption ends the waiting for a FIFO, and a second o
   }
   // Reading the truth is not interrupted.
   Child child(folder, "track_file recording.raw" + kOptions + " --truth silent");
-  REQUIRE(child.wait_until([&] { return child.catches(SIGINT); }));
+  REQUIRE(child.wait_until([&] { return child.reads(folder / "silent"); }));
   child.kill(SIGINT);
   REQUIRE(child.wait_until([&] { return !child.catches(SIGINT); }));
   child.kill(SIGINT);

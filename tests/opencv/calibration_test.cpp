@@ -207,6 +207,17 @@ TEST_CASE("a file that is nested deeper than settings are is refused before Open
             .find("no field") != std::string::npos);
 }
 
+TEST_CASE("what OpenCV's parsers hang or crash on is refused before, or by name") {
+  const auto message = [](const std::string& name, const std::string& text) { return error_of(write(name, text)); };
+  for (const char* binary : {"- a: 1\n-!!binary | { id: 1 }\n", "{\"a\": \"$base64$AAAA\"}",
+                             "<?xml version=\"1.0\"?>\n<opencv_storage><a type_id=\"binary\">AA</a></opencv_storage>"})
+    CHECK(message("binary.yml", binary).find("has binary data") != std::string::npos);
+  for (const char* cut : {"<?xml version=", "<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>64</"})
+    CHECK(message("cut.xml", cut).find("is cut off") != std::string::npos);
+  CHECK(message("empty_name.yml", "image_width: 64\ncamera_matrix:\n   : d\n").find("neither YAML") !=
+        std::string::npos);
+}
+
 TEST_CASE("a file that is no calibration is named") {
   CHECK(error_of(temporary("does_not_exist.yml")).find("cannot be read") != std::string::npos);
   error_of(std::filesystem::temp_directory_path().string());

@@ -48,7 +48,10 @@ class BlockReader {
     if (state_->file < 0) throw RecordingError(state_->path, "cannot open: " + std::generic_category().message(errno));
     const auto bytes = std::filesystem::file_size(state_->path, error);
     if (!error) bytes_total_ = bytes;
-    read_ahead();
+    // One byte more: a file that fits into a block is known to end there.
+    if (bytes_total_ > 0) state_->block_bytes = std::min<std::uint64_t>(state_->block_bytes, bytes_total_ + 1);
+    read_ahead(
+        std::launch::deferred);  // most files of poses are no longer than a block, for which no thread is worth it
   }
 
   /// The first block, which the first call of `next` returns again: to recognise what the file is.
@@ -73,7 +76,8 @@ class BlockReader {
     std::copy(kept.begin(), kept.end(), begin - keep);
     block_ = {begin - keep, keep + bytes};
     state_->filling ^= 1U;
-    read_ahead();
+    // With both policies, a system that cannot start a thread reads in next() instead.
+    if (bytes == state_->block_bytes) read_ahead(std::launch::async | std::launch::deferred);
     return block_;
   }
 
@@ -133,9 +137,8 @@ class BlockReader {
     std::future<std::size_t> ahead;
   };
 
-  void read_ahead() {
-    // With both policies, a system that cannot start a thread reads in next() instead.
-    state_->ahead = std::async(std::launch::async | std::launch::deferred, [state = state_.get()] {
+  void read_ahead(std::launch policy) {
+    state_->ahead = std::async(policy, [state = state_.get()] {
       auto& buffer = state->buffers[state->filling];
       buffer.resize(kMaxKeep + state->block_bytes);
       return state->read(std::span(buffer).subspan(kMaxKeep));

@@ -57,8 +57,7 @@ class RawReader {
     if (header_.format == RawFormat::evt21) decoder_ = Evt21Decoder(*header_.size, header_.halves_swapped);
     if (header_.format == RawFormat::evt3) decoder_ = Evt3Decoder(*header_.size);
     word_bytes_ = std::visit([](const auto& d) { return d.kWordBytes; }, decoder_);
-    const auto per_word = std::visit([](const auto& d) { return d.kMaxEventsPerWord; }, decoder_);
-    buffer_.resize(kChunkBytes / word_bytes_ * per_word);
+    events_per_word_ = std::visit([](const auto& d) { return d.kMaxEventsPerWord; }, decoder_);
   }
 
   const RawHeader& header() const noexcept { return header_; }
@@ -73,6 +72,7 @@ class RawReader {
     while (count == 0 && fill()) {
       const auto chunk = rest_.first(std::min(kChunkBytes, rest_.size() / word_bytes_ * word_bytes_));
       const auto following = rest_.subspan(chunk.size());
+      buffer_.resize(std::max(buffer_.size(), chunk.size() / word_bytes_ * events_per_word_));
       count = std::visit([&](auto& d) { return d.decode(chunk, std::span(buffer_), triggers_, following); }, decoder_);
       skip(chunk.size());
       if (count == 0 && triggers_.size() > kMaxTriggers)  // a batch without events would be the end
@@ -139,7 +139,7 @@ class RawReader {
   RawReaderOptions options_;
   RawHeader header_;
   std::variant<Evt2Decoder, Evt21Decoder, Evt3Decoder> decoder_;
-  std::size_t word_bytes_ = 2;
+  std::size_t word_bytes_ = 2, events_per_word_ = 12;
   std::span<const std::byte> rest_;
   std::vector<Event> buffer_;
   std::vector<TriggerEvent> triggers_;

@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <cmath>
 #include <cstddef>
+#include <exception>
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <sstream>
@@ -52,12 +53,19 @@ class SettingsFile {
     constexpr std::size_t kMostLevels = 1000;
     if (nesting_bound(text, text[first] == '<') > kMostLevels)
       fail("is nested more than " + std::to_string(kMostLevels) + " levels deep: not a file of settings");
+    // OpenCV's parser of XML reads on behind the end of what is cut off.
+    const std::string_view content_end = std::string_view(text).substr(0, text.find_last_not_of(" \t\r\n") + 1);
+    if (text[first] == '<' && !content_end.ends_with("</opencv_storage>"))
+      fail("is cut off: it does not end with </opencv_storage>");
+    // OpenCV's parsers may never return from data in base 64 that are none.
+    for (const std::string_view mark : {"!!binary", "\"binary\"", "$base64$"})
+      if (text.find(mark) != std::string::npos) fail("has binary data (" + std::string(mark) + "), which is not read");
     // OpenCV requires the YAML directive, which ROS does not write.
     if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
       text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
     try {
       storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    } catch (const cv::Exception&) {
+    } catch (const std::exception&) {  // not only OpenCV's own: an empty name is a std::length_error
       fail("is neither YAML, XML nor JSON that OpenCV can read");
     }
     if (!storage_.isOpened() || !storage_.root().isMap()) fail("is neither YAML, XML nor JSON with named fields");
