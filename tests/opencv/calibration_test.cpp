@@ -214,6 +214,8 @@ TEST_CASE("what OpenCV's parsers hang or crash on is refused before, or by name"
     CHECK(message("binary.yml", binary).find("has binary data") != std::string::npos);
   for (const char* cut : {"<?xml version=", "<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>64</"})
     CHECK(message("cut.xml", cut).find("is cut off") != std::string::npos);
+  CHECK(message("zero.xml", std::string("<?xml version=") + '\0' + "?></opencv_storage>").find("byte 0") !=
+        std::string::npos);
   CHECK(message("empty_name.yml", "image_width: 64\ncamera_matrix:\n   : d\n").find("neither YAML") !=
         std::string::npos);
 }

@@ -1,0 +1,66 @@
+// Every target of the fuzzer in a seeded loop, and over its corpus: without coverage, but in every test run.
+#include <doctest/doctest.h>
+
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "fuzz/targets.hpp"
+#include "sanitized.hpp"
+
+using namespace evmarker::fuzz;
+
+namespace {
+
+std::string read_file(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// What the target finds with the input; empty for nothing.
+std::string finding(const Target& target, const std::string& input) {
+  try {
+    target.run(input);
+    return {};
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+}
+
+void run_target(const char* name) {
+  for (const Target& target : all_targets()) {
+    if (target.name != std::string(name)) continue;
+    const auto seeds = target.seeds();
+    REQUIRE(!seeds.empty());
+    const std::filesystem::path corpus = std::filesystem::path(EVMARKER_CORPUS) / target.name;
+    for (std::size_t i = 0; i < seeds.size(); ++i)
+      CHECK_MESSAGE(read_file(corpus / ("seed_" + std::to_string(i))) == seeds[i],
+                    "the corpus is not that of `fuzz --write-corpus tests/fuzz/corpus`");
+    for (const auto& entry : std::filesystem::directory_iterator(corpus)) {
+      CAPTURE(entry.path().filename().string());
+      CHECK(finding(target, read_file(entry.path())) == "");
+    }
+    const std::uint64_t runs = kSanitized ? target.test_runs / 10 : target.test_runs;
+    for (std::uint64_t run = 0; run < runs; ++run) {
+      CAPTURE(run);
+      REQUIRE(finding(target, make_input(target, seeds, 1, run)) == "");
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("fuzzed: EVT2") { run_target("evt2"); }
+TEST_CASE("fuzzed: EVT2.1") { run_target("evt21"); }
+TEST_CASE("fuzzed: EVT3") { run_target("evt3"); }
+TEST_CASE("fuzzed: RAW recordings") { run_target("raw"); }
+TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
+TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
+TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }
+TEST_CASE("fuzzed: trackers of markers") { run_target("tracking"); }
+TEST_CASE("fuzzed: trackers of bodies") { run_target("wireframe_tracking"); }
+TEST_CASE("fuzzed: pipelines") { run_target("pipeline"); }
