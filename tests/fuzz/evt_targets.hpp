@@ -148,7 +148,10 @@ inline std::uint32_t evt2_word(Random& random) {
   const std::uint32_t type = types[below(random, types.size())];
   if (type == 8) return type << 28U | time_high(random, 1U << 28U);
   const std::uint32_t low = static_cast<std::uint32_t>(below(random, 64)) << 22U;
-  const auto near = [&] { return static_cast<std::uint32_t>(random.bits() % (random.bits() % 2 == 0 ? 64 : 2048)); };
+  const auto near = [&] {
+    const std::uint64_t most = below(random, 2) == 0 ? 64 : 2048;
+    return static_cast<std::uint32_t>(below(random, most));
+  };
   const std::uint32_t x = near(), y = near();
   return type << 28U | low | x << 11U | y;
 }

@@ -183,6 +183,7 @@ class Pipeline {
     started_.notify_one();
     try {
       while (!stopping_) take_turn();
+      published_.publish_last(*core_, progress_);
     } catch (...) {
       intake_.close();
       intake_.clear();

@@ -74,6 +74,13 @@ class PublishedState {
     for (const auto& marker : core.markers()) markers_.push_back({marker.estimate(), marker.follower().rule()});
   }
 
+  /// Publishes the last counters of the tracker before it stops, however many threads are reading.
+  template <EventFilter Filter>
+  void publish_last(const TrackerCore<Rule, Filter>& core, const Progress& progress) {
+    const std::lock_guard lock(mutex_);
+    set_counters(core, progress);
+  }
+
   /// Publishes the last state of the tracker, and that the exception that is being handled has ended the tracking.
   template <EventFilter Filter>
   void fail(const TrackerCore<Rule, Filter>& core, const Progress& progress) {

@@ -49,7 +49,8 @@ class SettingsFile {
     std::string text = content.str();
     const auto first = text.find_first_not_of(" \t\r\n");
     if (first == std::string::npos) fail("is empty");
-    if (text.find('\0') != std::string::npos) fail("is no text: it has a byte 0");  // where some of OpenCV's parsers end
+    // Where some of OpenCV's parsers end, and others read on behind the end.
+    if (text.find('\0') != std::string::npos) fail("is neither YAML, XML nor JSON: it has a byte 0");
     // OpenCV's parsers call themselves for each level, and 30 000 of them overflow the stack.
     constexpr std::size_t kMostLevels = 1000;
     if (nesting_bound(text, text[first] == '<') > kMostLevels)
