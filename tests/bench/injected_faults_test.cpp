@@ -89,7 +89,7 @@ TEST_CASE("of the garbled times, one in so many is wrong") {
   CHECK(wrong == 20);
 }
 
-TEST_CASE("where the clock steps, a new piece begins; without a fault there is none") {
+TEST_CASE("where the clock steps, a new piece begins, and without a fault none") {
   CHECK(only_piece(bench::clock_step("", 0)) == plain_events(0, kLength_us));
   for (const Timestamp step : {1000, -1000000}) {
     const auto pieces = inject(bench::clock_step("", step));

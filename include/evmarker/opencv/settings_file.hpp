@@ -189,9 +189,9 @@ class SettingsFile {
       if (at == std::string_view::npos || line[at] == '#' || (!indentation && line[at] == '%')) continue;
       if (indentation && at < *indentation) return false;
       if (indentation) continue;
-      begun = true;
-      if (line.starts_with("---") && line.find_first_not_of(" \t\r", 3) == std::string_view::npos) continue;
-      if (line[at] == '[' || line[at] == '{') return false;
+      const bool begins_document = !std::exchange(begun, true) && line.starts_with("---");
+      if (begins_document && line.find_first_not_of(" \t\r", 3) == std::string_view::npos) continue;
+      if (line[at] == '[' || line[at] == '{' || line[at] == '-') return false;
       indentation = at;
     }
     return indentation.has_value();
