@@ -146,7 +146,7 @@ class Child {
     std::error_code gone;
     const std::filesystem::directory_iterator open("/proc/" + std::to_string(pid_) + "/fd", gone);
     return std::any_of(begin(open), end(open),
-                       [&](const auto& entry) { return std::filesystem::equivalent(entry.path(), file, gone); });
+                       [&](const auto& entry) { return std::filesystem::read_symlink(entry.path(), gone) == file; });
   }
 
   void kill(int signal) { ::kill(pid_, signal); }
