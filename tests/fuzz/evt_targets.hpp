@@ -17,6 +17,7 @@
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
 #include "fuzz/plain_decoder.hpp"
+#include "fuzz/target.hpp"
 
 namespace evmarker::fuzz {
 
@@ -50,6 +51,7 @@ Decoded decode(Decoder decoder, std::span<const std::byte> bytes, std::size_t pi
 
 inline void check_counts(const Decoded& decoded, SensorSize size) {
   const auto& [events, triggers, statistics] = decoded;
+  arrived += events.size();
   require_that(statistics.events == events.size(), "every event is counted");
   require_that(statistics.triggers == triggers.size(), "every trigger event is counted");
   std::uint64_t steps_back = 0;
@@ -170,7 +172,7 @@ inline std::string make_evt3(Random& random) {
   return bytes_of(static_cast<std::uint16_t>(type << 12U | payload));
 }
 
-/// A few inputs of `words` words each, on a sensor of 64 x 48 px.
+/// A few inputs of up to 32 words, on a sensor of 64 x 48 px.
 template <typename Make>
 std::vector<std::string> decoder_seeds(const Make& make, const std::string& time_word) {
   std::vector<std::string> seeds;

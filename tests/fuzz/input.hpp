@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -23,6 +24,9 @@ struct BrokenPromise : std::logic_error {
 inline void require_that(bool holds, const char* promise) {
   if (!holds) throw BrokenPromise(promise);
 }
+
+/// How many events and poses the targets have been given by what they fuzz: where nothing arrives, nothing is checked.
+inline std::atomic<std::uint64_t> arrived = 0;
 
 /// Reads numbers from the bytes of an input; zeros where it has ended.
 class Numbers {

@@ -17,6 +17,7 @@
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
 #include "fuzz/pose_promises.hpp"
+#include "fuzz/target.hpp"
 #include "fuzz/tracking_targets.hpp"
 
 namespace evmarker::fuzz {

@@ -24,6 +24,7 @@ inline void check_covariance(const Matrix6d& covariance) {
 }
 
 inline void check_pose(const PoseEstimate& pose) {
+  ++arrived;
   const Eigen::Matrix3d R = pose.T_camera_marker.linear();
   require_that(pose.T_camera_marker.matrix().allFinite(), "a pose is finite");
   require_that((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-9 && R.determinant() > 0,

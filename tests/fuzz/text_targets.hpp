@@ -16,6 +16,7 @@
 #include "evmarker/opencv/wireframe.hpp"
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
+#include "fuzz/target.hpp"
 
 namespace evmarker::fuzz {
 
@@ -205,6 +206,7 @@ inline ReadText read_text(const MemoryFile& file, std::size_t block_bytes, const
     result.error = error.what();
   }
   result.statistics = reader.statistics();
+  arrived += result.events.size();
   require_that(result.statistics.events == result.events.size(), "every event is counted");
   for (const Event& event : result.events)
     require_that(reader.sensor_size().contains(event.x, event.y) && (event.p == 0 || event.p == 1),
@@ -217,6 +219,7 @@ inline void check_one_line(const std::exception& error) {
 }
 
 inline void require_rigid(const Eigen::Isometry3d& T) {
+  ++arrived;
   require_that(
       T.matrix().allFinite() && (T.linear() * T.linear().transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-9,
       "poses are rigid motions");
@@ -267,6 +270,7 @@ inline void fuzz_settings(std::string_view input) {
   const MemoryFile file(input);
   try {
     const PinholeCamera camera = opencv::load_calibration(file.path().string());
+    ++arrived;
     require_that(std::isfinite(camera.fx()) && camera.fx() > 0, "a camera that is loaded has a focal length");
   } catch (const std::invalid_argument& error) {
     detail::check_one_line(error);
@@ -275,11 +279,13 @@ inline void fuzz_settings(std::string_view input) {
   }
   try {
     validate(opencv::load_board(file.path().string(), "DICT_4X4_50"));
+    ++arrived;
   } catch (const std::runtime_error& error) {
     detail::check_one_line(error);
   }
   try {
     validate(opencv::load_wireframe(file.path().string()).model);
+    ++arrived;
   } catch (const std::runtime_error& error) {
     detail::check_one_line(error);
   }

@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <memory>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -21,6 +20,7 @@
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
 #include "fuzz/pose_promises.hpp"
+#include "fuzz/target.hpp"
 #include "simulated.hpp"
 
 namespace evmarker::fuzz {
@@ -136,7 +136,6 @@ MarkerTrackerSettings<Rule> read_settings(Numbers& numbers) {
 struct Stream {
   std::vector<Event> events;
   bool monotonic = true;
-  bool operator==(const Stream&) const = default;
 };
 
 /// Events of 4 bytes: x, y, kind of time step and polarity, time step.

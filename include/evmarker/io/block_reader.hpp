@@ -50,8 +50,7 @@ class BlockReader {
     if (!error) bytes_total_ = bytes;
     // One byte more: a file that fits into a block is known to end there.
     if (bytes_total_ > 0) state_->block_bytes = std::min<std::uint64_t>(state_->block_bytes, bytes_total_ + 1);
-    read_ahead(
-        std::launch::deferred);  // most files of poses are no longer than a block, for which no thread is worth it
+    read_ahead(std::launch::deferred);  // no thread for what may be no longer than a block, as most files of poses
   }
 
   /// The first block, which the first call of `next` returns again: to recognise what the file is.

@@ -8,7 +8,6 @@
 #include <exception>
 #include <fstream>
 #include <opencv2/core.hpp>
-#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -17,24 +16,9 @@
 #include <utility>
 #include <vector>
 
-namespace evmarker::opencv::detail {
+#include "evmarker/opencv/unsafe_text.hpp"
 
-// A bound of how deep a text is nested. Brackets or tags go deeper where they open; in YAML, so may each blank of an
-// indentation, each dash of a list and each key on the way to a value.
-inline std::size_t nesting_bound(std::string_view text, bool xml) {
-  std::size_t open = 0, in_line = 0, bound = 0;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i], next = i + 1 < text.size() ? text[i + 1] : '\n';
-    const bool opens = xml ? c == '<' && next != '/' && next != '?' && next != '!' : c == '[' || c == '{';
-    const bool closes = xml ? (c == '<' && next == '/') || (c == '/' && next == '>') : c == ']' || c == '}';
-    if (opens) ++open;
-    if (closes && open > 0) --open;
-    if (c == ',' || c == '\n') in_line = 0;
-    if (!xml && (c == ' ' || c == '\t' || c == '-' || c == ':')) ++in_line;
-    bound = std::max(bound, open + in_line);
-  }
-  return bound;
-}
+namespace evmarker::opencv::detail {
 
 // A YAML, XML or JSON file of named fields. All errors are std::runtime_error with one line: file, field, value.
 class SettingsFile {
@@ -50,7 +34,7 @@ class SettingsFile {
     std::string text = content.str();
     const auto first = text.find_first_not_of(" \t\r\n");
     if (first == std::string::npos) fail("is empty");
-    refuse_unsafe(std::string_view(text).substr(first));
+    if (const std::string reason = find_unsafe(std::string_view(text).substr(first)); !reason.empty()) fail(reason);
     // OpenCV requires the YAML directive, which ROS does not write.
     if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
       text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
@@ -155,48 +139,6 @@ class SettingsFile {
   }
 
  private:
-  // OpenCV's parsers are made for what programs write: damaged files may crash them or keep them for ever. What a
-  // fuzzer has found of this kind is refused. `text` begins with its first character that is not blank.
-  void refuse_unsafe(std::string_view text) const {
-    const bool xml = text.front() == '<', json = text.front() == '{';
-    const std::string_view content = text.substr(0, text.find_last_not_of(" \t\r\n") + 1);
-    // At a byte 0 some parsers end, and others read on behind the end.
-    if (text.find('\0') != std::string_view::npos) fail("is neither YAML, XML nor JSON: it has a byte 0");
-    // The parsers call themselves for each level, and 30 000 of them overflow the stack.
-    constexpr std::size_t kMostLevels = 1000;
-    if (nesting_bound(text, xml) > kMostLevels)
-      fail("is nested more than " + std::to_string(kMostLevels) + " levels deep: not a file of settings");
-    // The parser of XML reads on behind the end of what is cut off.
-    if (xml && !content.ends_with("</opencv_storage>")) fail("is cut off: it does not end with </opencv_storage>");
-    // The parsers may never return from data in base 64 that are none.
-    for (const std::string_view mark : {"!!binary", "\"binary\"", "$base64$"})
-      if (text.find(mark) != std::string_view::npos)
-        fail("has binary data (" + std::string(mark) + "), which is not read");
-    // Nor does that of YAML from what follows a root in brackets, or a document.
-    if (!xml && !json && !begins_with_field(content)) fail("is neither YAML, XML nor JSON with named fields");
-  }
-
-  // True if a YAML file is one document whose first line, behind directives and comments, names a field, and no other
-  // is indented less.
-  static bool begins_with_field(std::string_view text) {
-    std::optional<std::size_t> indentation;
-    bool begun = false;
-    while (!text.empty()) {
-      const std::string_view line = text.substr(0, text.find('\n'));
-      text.remove_prefix(std::min(line.size() + 1, text.size()));
-      if (line.starts_with("...") || (begun && line.starts_with("---"))) return false;
-      const auto at = line.find_first_not_of(" \t\r");
-      if (at == std::string_view::npos || line[at] == '#' || (!indentation && line[at] == '%')) continue;
-      if (indentation && at < *indentation) return false;
-      if (indentation) continue;
-      const bool begins_document = !std::exchange(begun, true) && line.starts_with("---");
-      if (begins_document && line.find_first_not_of(" \t\r", 3) == std::string_view::npos) continue;
-      if (line[at] == '[' || line[at] == '{' || line[at] == '-') return false;
-      indentation = at;
-    }
-    return indentation.has_value();
-  }
-
   std::string kind_, path_;
   cv::FileStorage storage_;
 };
