@@ -67,8 +67,12 @@ class FaultVerdict {
   // The first pose `tracking` after the fault behind which, until the next fault, there is none of another state.
   double settled_ms(Timestamp begin, Timestamp end, Timestamp until) const {
     double settled = std::numeric_limits<double>::infinity();
-    for (const JudgedPose& pose : poses_) {
-      if (pose.t < begin || pose.t >= until) continue;
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      const JudgedPose& pose = poses_[i];
+      // A loss has the time of the last event on or near the marker, and is reported with one after the fault.
+      const bool loss = pose.state == TrackingState::lost;
+      const Timestamp t = loss && i + 1 < poses_.size() ? poses_[i + 1].t : pose.t;
+      if (t < begin || t >= until) continue;
       if (!pose.tracking())
         settled = std::numeric_limits<double>::infinity();
       else if (pose.t >= end && settled == std::numeric_limits<double>::infinity())

@@ -43,12 +43,14 @@ struct Options {
 
 // Counters of the pipeline, summed over recordings.
 struct Reported {
-  std::uint64_t time_faults = 0, time_steps_back = 0, time_gaps = 0, filtered = 0;
+  std::uint64_t time_faults = 0, time_steps_back = 0, time_gaps = 0, outages = 0, hot = 0, filtered = 0;
 
   void add(const live::Status& status) {
     time_faults += status.time_faults;
     time_steps_back += status.time_steps_back;
     time_gaps += status.time_gaps;
+    outages += status.outages;
+    hot += status.hot;
     filtered += status.filtered;
   }
 
@@ -61,6 +63,8 @@ struct Reported {
     add(time_faults, "time faults");
     add(time_steps_back, "steps back");
     add(time_gaps, "gaps");
+    add(outages, "outages");
+    add(hot, "of hot pixels");
     constexpr std::uint64_t kMany = 10000;
     if (filtered > usual.filtered + kMany) add(filtered - usual.filtered, "filtered");
     return text.empty() ? "-" : text;

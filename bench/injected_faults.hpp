@@ -204,6 +204,7 @@ inline std::vector<Fault> all_faults() {
     faults.push_back(clock_step(std::string("clock steps back by ") + name, -us));
   }
   faults.push_back(hot_column("hot column, 1 kHz each pixel, for 0.3 s", 300 * kMs, 1000));
+  faults.push_back(hot_column("hot column, 3 kHz each pixel, for 0.3 s", 300 * kMs, 3000));
   faults.push_back(hot_column("hot column, 10 kHz each pixel, for 0.3 s", 300 * kMs, 10000));
   faults.push_back(noise_burst("noise of 20 Mev/s, for 50 ms", 50 * kMs, 20));
   faults.push_back(sensor_restart("sensor off for 1 s, then a flash", kSecond));

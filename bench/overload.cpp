@@ -101,7 +101,7 @@ class Flood {
 class Record {
  public:
   void add(const live::Status& s, Timestamp t) {
-    exact_ = exact_ && s.events == s.processed + s.filtered + s.off_sensor + s.dropped + s.queue_depth;
+    exact_ = exact_ && s.events == s.processed + s.filtered + s.off_sensor + s.hot + s.dropped + s.queue_depth;
     most_waiting_ = std::max(most_waiting_, s.queue_depth);
     most_mb_ = std::max(most_mb_, std::lround(bench::resident_mb()));
     if (t == 2 * kSecond) mb_at_first_ = most_mb_;

@@ -211,6 +211,8 @@ void print(const ReplayOptions& options, const live::Status& s, const live::Late
   std::printf("markers: %" PRIu64 " found, %" PRIu64 " lost; %" PRIu64 " steps back in time, %" PRIu64
               " gaps; %.2f s\n",
               s.registered, s.lost, s.time_steps_back, s.time_gaps, wall_s);
+  if (s.outages > 0) std::printf("outages of the sensor: %" PRIu64 "\n", s.outages);
+  if (s.hot > 0) std::printf("events of hot pixels, dropped: %" PRIu64 "\n", s.hot);
   if (!s.real_time && options.tracking_priority() == live::TrackingPriority::automatic)
     std::printf("%s\n", live::kRealTimeHint);
   print_last_line(s);

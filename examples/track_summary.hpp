@@ -51,12 +51,12 @@ class TrackSummary {
     const auto share = [&](std::uint64_t n) {
       return 100.0 * static_cast<double>(n) / static_cast<double>(tracker.events);
     };
-    const std::uint64_t kept = tracker.events - tracker.off_sensor - tracker.filtered;
+    const std::uint64_t kept = tracker.events - tracker.off_sensor - tracker.hot - tracker.filtered;
     if (tracker.events > 0)
       std::printf("events     %" PRIu64 " read, %" PRIu64 " kept by the filter (%.0f %%), %" PRIu64
                   " matched (%.0f %%)\n",
                   tracker.events, kept, share(kept), tracker.matched, share(tracker.matched));
-    print_faults(recording);
+    print_faults(recording, tracker);
     for (const auto& [id, marker] : markers_) print(id, marker);
     std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s());
   }
@@ -69,7 +69,7 @@ class TrackSummary {
     evmarker::AccuracyMeter accuracy;
   };
 
-  static void print_faults(const evmarker::io::RecordingStatistics& s) {
+  static void print_faults(const evmarker::io::RecordingStatistics& s, const evmarker::TrackerStatistics& tracker) {
     const auto tell = [](std::uint64_t count, const char* what) {
       if (count > 0) std::printf("recording  %" PRIu64 " %s\n", count, what);
     };
@@ -78,6 +78,8 @@ class TrackSummary {
     tell(s.dropped_before_time, "events before the first time stamp, dropped");
     tell(s.unknown_words, "unknown words, skipped");
     tell(s.garbled_times, "time words that the next ones contradict, not followed");
+    tell(tracker.outages, "outages, in which even the noise has stopped");
+    tell(tracker.hot, "events of hot pixels, dropped");
     tell(s.truncated_bytes, "bytes at the end that are no whole event: the file was cut");
   }
 

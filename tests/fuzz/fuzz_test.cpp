@@ -51,7 +51,8 @@ void run_target(const char* name) {
       REQUIRE(finding(target, make_input(target, seeds, 1, run)) == "");
     }
     const double per_run = static_cast<double>(arrived - before) / static_cast<double>(runs);
-    MESSAGE(target.name << ": " << per_run << " events, poses or files a run");
+    MESSAGE(name << ": " << per_run << " events, poses and files a run");
+    CHECK(per_run > target.least_arrivals);
   }
 }
 

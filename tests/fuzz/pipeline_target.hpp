@@ -27,7 +27,7 @@ namespace detail {
 struct CallbackFault {};
 
 inline void check_sum(const live::Status& s) {
-  require_that(s.events == s.processed + s.filtered + s.off_sensor + s.time_faults + s.dropped + s.queue_depth,
+  require_that(s.events == s.processed + s.filtered + s.off_sensor + s.hot + s.time_faults + s.dropped + s.queue_depth,
                "the counters of a pipeline add up");
 }
 
@@ -174,7 +174,7 @@ inline void fuzz_pipeline(std::string_view input) {
 }
 
 inline std::vector<Target> pipeline_targets() {
-  return {{"pipeline", fuzz_pipeline, detail::pipeline_seeds, {10, 2, detail::make_call}, 96, 200}};
+  return {{"pipeline", fuzz_pipeline, detail::pipeline_seeds, {10, 2, detail::make_call}, 96, 200, 5}};
 }
 
 }  // namespace evmarker::fuzz

@@ -20,6 +20,7 @@ struct Target {
   Grammar grammar;
   std::size_t most_bytes = 512;
   std::uint64_t test_runs = 0;  ///< in the seeded test
+  double least_arrivals = 0;    ///< events, poses and files that a run of it must at least lead to, in the mean
 };
 
 /// The input of a run of a seed: one of the target's seeds, mutated.

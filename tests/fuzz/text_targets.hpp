@@ -294,9 +294,9 @@ inline void fuzz_settings(std::string_view input) {
 inline std::vector<Target> text_targets() {
   using namespace detail;
   return {
-      {"event_text", fuzz_event_text, event_text_seeds, {0, 1, make_event_text}, 512, 50'000},
-      {"pose_text", fuzz_pose_text, pose_text_seeds, {0, 1, make_pose_text}, 512, 50'000},
-      {"settings", fuzz_settings, settings_seeds, {0, 1, make_settings_text}, 768, 20'000},
+      {"event_text", fuzz_event_text, event_text_seeds, {0, 1, make_event_text}, 512, 50'000, 0.1},
+      {"pose_text", fuzz_pose_text, pose_text_seeds, {0, 1, make_pose_text}, 512, 50'000, 0.4},
+      {"settings", fuzz_settings, settings_seeds, {0, 1, make_settings_text}, 768, 20'000, 0.03},
   };
 }
 

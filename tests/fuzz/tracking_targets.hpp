@@ -324,7 +324,7 @@ void fuzz_tracker(Numbers numbers) {
   check_poses(poses, monotonic);
   const TrackerStatistics& statistics = tracker.statistics();
   require_that(statistics.events == events.size(), "every event is counted");
-  require_that(statistics.off_sensor + statistics.filtered + statistics.time_faults <= events.size(),
+  require_that(statistics.off_sensor + statistics.hot + statistics.filtered + statistics.time_faults <= events.size(),
                "no event is counted twice");
   require_that(statistics.lost <= statistics.registered, "what is lost was registered");
 }
@@ -387,6 +387,18 @@ inline std::vector<std::string> tracking_seeds() {
   return seeds;
 }
 
+/// With default settings, and enough events for the search of the start.
+inline std::vector<std::string> wireframe_seeds() {
+  std::vector<std::string> seeds;
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+    std::string input(kSettingsBytes, '\0');
+    input[0] = static_cast<char>(seed);
+    input[2] = input[3] = static_cast<char>(5 + seed);
+    seeds.push_back(input + moving_marker(seed, 3500));
+  }
+  return seeds;
+}
+
 inline std::string make_event(Random& random) {
   const bool odd = below(random, 16) == 0;
   std::string bytes;
@@ -417,13 +429,14 @@ inline void fuzz_wireframe_tracking(std::string_view input) {
 
 inline std::vector<Target> tracking_targets() {
   using namespace detail;
-  return {{"tracking", fuzz_tracking, tracking_seeds, {kSettingsBytes, kEventBytes, make_event}, 1024, 30'000},
+  return {{"tracking", fuzz_tracking, tracking_seeds, {kSettingsBytes, kEventBytes, make_event}, 1024, 30'000, 3},
           {"wireframe_tracking",
            fuzz_wireframe_tracking,
-           tracking_seeds,
+           wireframe_seeds,
            {kSettingsBytes, kEventBytes, make_event},
-           1024,
-           500}};
+           16384,
+           200,
+           1}};
 }
 
 }  // namespace evmarker::fuzz

@@ -471,7 +471,7 @@ TEST_CASE("real-time priority is asked for where it is of use, and tracking goes
     pipeline.push(events());
     pipeline.flush();
     const live::Status status = pipeline.status();
-    CHECK(status.processed + status.filtered + status.off_sensor == events().size());
+    CHECK(status.processed + status.filtered + status.off_sensor + status.hot == events().size());
     CHECK(status.real_time == real_time);
     pipeline.stop();
     CHECK(pipeline.status().real_time == real_time);

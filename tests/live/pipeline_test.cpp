@@ -147,7 +147,7 @@ TEST_CASE("detection takes its time on its own thread, and no event is lost in i
   CHECK(status.poses > 0);
   CHECK(status.dropped == 0);
   CHECK(status.detection.p50_us > 2900);
-  CHECK(status.events == status.processed + status.filtered + status.off_sensor);
+  CHECK(status.events == status.processed + status.filtered + status.off_sensor + status.hot);
 }
 
 TEST_CASE("overload: each policy does what it says, drops are counted to the event, poses resume") {
@@ -499,7 +499,7 @@ TEST_CASE("20 Mev/s around a tracked marker: each policy does what it says, to t
     const live::Status after = pipeline.status();
     MESSAGE("dropped " << after.dropped << " of " << part(kFlood, kCalm).size() << ", poses " << in_flood.load());
     CHECK(after.events == part(0, kCalm).size());
-    CHECK(after.events == after.processed + after.filtered + after.off_sensor + after.dropped);
+    CHECK(after.events == after.processed + after.filtered + after.off_sensor + after.hot + after.dropped);
     CHECK(most_waiting <= kQueue + 5000);
     if (policy == OverloadPolicy::block) CHECK(in_flood > 500);
     CHECK((after.dropped > 0) == (policy != OverloadPolicy::block));

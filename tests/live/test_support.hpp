@@ -30,7 +30,7 @@ inline const std::vector<Event>& events() {
 
 /// Every event is counted once.
 inline void check_sum(const Status& s) {
-  CHECK(s.events == s.processed + s.filtered + s.off_sensor + s.time_faults + s.dropped + s.queue_depth);
+  CHECK(s.events == s.processed + s.filtered + s.off_sensor + s.hot + s.time_faults + s.dropped + s.queue_depth);
 }
 
 inline const auto kNoPoses = [](const PoseEstimate&) {};

@@ -153,13 +153,17 @@ TEST_CASE("a jump of the clock that lasts is followed, one by one as in ranges")
       CAPTURE(by);
       auto jumping = events();
       for (std::size_t i = jumping.size() / 2; i < jumping.size(); ++i) jumping[i].t += by;
-      Tracker one(simulated::camera, TrueDetector{motion()}), many = one;
+      const double jump_s = 1e-6 * static_cast<double>(by);
+      const auto seen = [=](double t) { return motion()(by > 0 && t > 0.03 + jump_s / 2 ? t - jump_s : t); };
+      Tracker one(simulated::camera, TrueDetector{seen}), many = one;
       const auto poses = one_by_one(one, jumping);
       require_same(in_ranges(many, jumping, 777), poses);
       CHECK(one.statistics().time_faults == 0);
       CHECK(one.statistics().time_steps_back == (by < 0));
+      CHECK(one.statistics().outages == (by > 0 ? 1 : 0));  // all the same to a tracker
       REQUIRE(!poses.empty());
       CHECK(poses.back().t > jumping.back().t - 20000);
+      CHECK(poses.back().quality.state == TrackingState::tracking);
     }
 }
 

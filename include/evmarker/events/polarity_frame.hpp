@@ -1,5 +1,6 @@
 #pragma once
 // The frame of last polarities, as the image for frame-based marker detection.
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <stdexcept>
@@ -35,18 +36,28 @@ class PolarityFrame {
     t_ = event.t;
   }
 
+  /// Forgets all events.
+  void clear() noexcept {
+    std::ranges::fill(pixels_, kUntouched);
+    std::ranges::fill(times_, 0);
+    ++clears_;
+  }
+
   SensorSize sensor_size() const noexcept { return size_; }
   std::span<const std::uint8_t> pixels() const noexcept { return pixels_; }
   /// The low 32 bits of the time of the last event at every pixel [us], row by row; 0 before the first one.
   std::span<const std::uint32_t> times() const noexcept { return times_; }
   /// Time of the last event in the frame [us].
   Timestamp t() const noexcept { return t_; }
+  /// How often `clear` was called.
+  std::uint64_t clears() const noexcept { return clears_; }
 
  private:
   SensorSize size_;
   std::vector<std::uint8_t> pixels_;
   std::vector<std::uint32_t> times_;
   Timestamp t_ = 0;
+  std::uint64_t clears_ = 0;
 };
 
 }  // namespace evmarker

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
 #include <thread>
 #include <utility>
@@ -11,6 +12,7 @@
 
 #include "evmarker/detection/detection_request.hpp"
 #include "evmarker/detection/marker_detector.hpp"
+#include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/live/event_intake.hpp"
 #include "evmarker/live/thread_priority.hpp"
 
@@ -62,7 +64,8 @@ class DetectionThread {
     job_.request = std::move(request);
     std::swap(job_.events, new_events_);
     new_events_.clear();
-    job_.frame_is_copied = std::exchange(overflowed_, false);
+    const bool cleared = std::exchange(clears_, frame.clears()) != frame.clears();
+    job_.frame_is_copied = std::exchange(overflowed_, false) || cleared;
     if (job_.frame_is_copied) job_.frame = frame;
     job_.requested = Clock::now();
     jobs_.wait_enqueue(&job_);
@@ -111,7 +114,8 @@ class DetectionThread {
   PolarityFrame frame_;            // the detector's own, as of the last request
   std::vector<Event> new_events_;  // since the last request
   bool overflowed_ = false;
-  Job job_;  // used by the detector's thread from `start` to its outcome, else by the tracking thread
+  std::uint64_t clears_ = 0;  // of the frame, as of the last request
+  Job job_;                   // used by the detector's thread from `start` to its outcome, else by the tracking thread
   moodycamel::BlockingReaderWriterCircularBuffer<Job*> jobs_{2}, done_{2};
   std::thread thread_;
 };

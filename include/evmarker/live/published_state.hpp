@@ -165,6 +165,8 @@ class PublishedState {
     status_.filtered = tracker.filtered;
     status_.time_faults = tracker.time_faults;
     status_.off_sensor = tracker.off_sensor;
+    status_.hot = tracker.hot;
+    status_.outages = tracker.outages;
     status_.detections = tracker.detections;
     status_.registered = tracker.registered;
     status_.replayed = tracker.replayed;
@@ -201,7 +203,7 @@ class PublishedState {
     status.triggers_dropped = intake.triggers_dropped();
     status.triggers = intake.triggers_pushed();
     status.events = intake.pushed();
-    status.processed = taken_ - status.filtered - status.time_faults - status.off_sensor;
+    status.processed = taken_ - status.filtered - status.time_faults - status.off_sensor - status.hot;
     status.poses = progress_.poses;
     status.ticks = progress_.ticks;
     status.queue_depth = status.events - taken_ - status.dropped;

@@ -16,8 +16,8 @@ struct MarkerStatus {
   Timestamp updated_t = 0;  ///< camera time of the last update [us]
 };
 
-/// Counters since the last start. At any time, exactly: events = processed + filtered + off_sensor + time_faults +
-/// dropped + queue_depth.
+/// Counters since the last start. At any time, exactly: events = processed + filtered + off_sensor + hot +
+/// time_faults + dropped + queue_depth.
 struct Status {
   bool running = false;                ///< neither stopped nor ended by an error
   bool real_time = false;              ///< the tracking thread has real-time priority; if not, see kRealTimeHint
@@ -25,12 +25,14 @@ struct Status {
   std::uint64_t processed = 0;         ///< tracked
   std::uint64_t filtered = 0;          ///< not supported by a neighbour: used only for markers that are tracked already
   std::uint64_t off_sensor = 0;        ///< discarded: outside the camera's image
+  std::uint64_t hot = 0;               ///< discarded: of pixels that go on firing, see HotPixels
   std::uint64_t time_faults = 0;       ///< discarded: their times contradict those of the events before and after
   std::uint64_t dropped = 0;           ///< by the overload policy, while stopped, or left in the queue by `stop`
   std::uint64_t queue_depth = 0;       ///< pushed, but not yet any of these
   Timestamp backlog_us = 0;            ///< camera time from the last event processed to the last one pushed
   std::uint64_t time_steps_back = 0;   ///< events earlier than the one before, as after a restart of the camera
   std::uint64_t time_gaps = 0;         ///< intervals without events, at least as long as `PipelineSettings::gap`
+  std::uint64_t outages = 0;           ///< times in which even the noise has stopped, see NoiseFloor
   std::uint64_t poses = 0;             ///< delivered
   std::uint64_t ticks = 0;             ///< calls of `PipelineSettings::on_tick`
   std::uint64_t triggers = 0;          ///< pushed

@@ -12,6 +12,8 @@
 
 #include "evmarker/detection/detection_request.hpp"
 #include "evmarker/events/event_history.hpp"
+#include "evmarker/events/hot_pixels.hpp"
+#include "evmarker/events/noise_floor.hpp"
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/events/time_guard.hpp"
@@ -32,9 +34,10 @@ namespace evmarker {
 ///
 /// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
 /// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
-/// would remove the first ones of a slow edge.
+/// would remove the first ones of a slow edge. Nothing gets those of hot pixels, see HotPixels.
 ///
-/// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard.
+/// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. After
+/// a time in which even the noise has stopped, see NoiseFloor, the events of that time are missing, see `skip_to`.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -46,6 +49,8 @@ class TrackerCore {
       : settings_(settings),
         lines_of_sight_(camera),
         filter_(std::move(filter)),
+        hot_pixels_(camera.sensor_size()),
+        noise_floor_(camera.sensor_size()),
         frame_(camera.sensor_size()),
         history_(settings.history_events),
         schedule_(settings),
@@ -91,16 +96,10 @@ class TrackerCore {
   /// the gap starts no tracker, as the events to replay are missing.
   template <std::invocable<const PoseEstimate&> Use>
   void skip_to(Timestamp t, const Use& use) {
-    if (!(t > last_t_)) return;
-    const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
-    if (missing <= MarkerTracker<Rule>::kHarmlessGap) return;
+    if (!is_harmful_gap(t)) return;
     guard_.restart(t);
     statistics_.time_faults = guard_.faults();
-    followable_from_ = history_.pushed();
-    tentative_.skip(missing, history_);
-    confirmed_.skip(missing, [this](const PoseEstimate& pose) { collect(pose); });
-    move_lost_to_missing();
-    search_often_ = searching();
+    skip_missing(t);
     deliver(use);
   }
 
@@ -175,13 +174,14 @@ class TrackerCore {
   static constexpr std::size_t kPrefetchDistance = 32;   // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
-  enum class Intake { off_sensor, filtered_out, accepted };
+  enum class Intake { discarded, filtered_out, accepted };
 
   template <typename Stop>
   std::size_t push_one(const Event& event, const Stop& stop) {
     if (check_due()) search_often_ = searching();
     const TimeGuard::Verdict verdict = judge(event);
     if (verdict == TimeGuard::Verdict::release) {
+      skip_outage(guard_.held().t);
       take(guard_.held(), stop);
       return 0;  // `event` is pushed again
     }
@@ -190,10 +190,35 @@ class TrackerCore {
     return 1;
   }
 
+  // Goes on after a time without any event if the sensor or its transmission has failed meanwhile. What the frame
+  // showed before may have moved away.
+  void skip_outage(Timestamp t) {
+    constexpr double kEnough = 20;  // noise events that did not come: by chance, once in 10^8 such times
+    if (!is_harmful_gap(t) || noise_floor_.expected_events(last_t_, t) < kEnough) return;
+    ++statistics_.outages;
+    frame_.clear();
+    skip_missing(t);
+  }
+
+  bool is_harmful_gap(Timestamp t) const noexcept {
+    constexpr std::chrono::microseconds kHarmless = MarkerTracker<Rule>::kHarmlessGap;
+    return t > last_t_ && elapsed_us(last_t_, t) > static_cast<std::uint64_t>(kHarmless.count());
+  }
+
+  // Events are missing from the last one to t.
+  void skip_missing(Timestamp t) {
+    const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
+    followable_from_ = history_.pushed();
+    tentative_.skip(missing, history_);
+    confirmed_.skip(missing, [this](const PoseEstimate& pose) { collect(pose); });
+    move_lost_to_missing();
+    search_often_ = searching();
+  }
+
   template <typename Stop>
   void take(const Event& event, const Stop& stop) {
     const Intake intake = take_in(event);
-    if (intake == Intake::off_sensor) return;
+    if (intake == Intake::discarded) return;
     confirmed_.push(event, [this](const PoseEstimate& pose) { collect(pose); });
     if (!poses_.empty()) move_lost_to_missing();  // a loss comes with a pose
     if (!tentative_.empty()) [[unlikely]]
@@ -218,7 +243,7 @@ class TrackerCore {
       if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
         continue;
       const Intake intake = take_in(event);
-      if (intake == Intake::off_sensor) continue;
+      if (intake == Intake::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
       if (intake == Intake::accepted) stopped = stop(event);
     }
@@ -264,10 +289,15 @@ class TrackerCore {
     last_t_ = event.t;
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) {
       ++statistics_.off_sensor;
-      return Intake::off_sensor;
+      return Intake::discarded;
+    }
+    if (hot_pixels_.add(event)) [[unlikely]] {
+      ++statistics_.hot;
+      return Intake::discarded;
     }
     if (!filter_.accept(event)) {
       ++statistics_.filtered;
+      noise_floor_.add(event);
       return Intake::filtered_out;
     }
     schedule_.count_event();
@@ -350,6 +380,8 @@ class TrackerCore {
   UndistortionTable lines_of_sight_;
   TimeGuard guard_;
   Filter filter_;
+  HotPixels hot_pixels_;
+  NoiseFloor noise_floor_;
   PolarityFrame frame_;
   EventHistory history_;
   DetectionSchedule schedule_;

@@ -46,10 +46,12 @@ void validate(const TrackerSettings<Rule>& settings) {
 struct TrackerStatistics {
   std::uint64_t events = 0;           ///< pushed
   std::uint64_t off_sensor = 0;       ///< discarded: outside the camera's image
+  std::uint64_t hot = 0;              ///< discarded: of hot pixels, see HotPixels
   std::uint64_t filtered = 0;         ///< not supported by a neighbour: used only for markers that are tracked already
   std::uint64_t time_faults = 0;      ///< discarded: their times contradict those of the events before and after
   std::uint64_t matched = 0;          ///< used in pose updates, all markers together
   std::uint64_t time_steps_back = 0;  ///< events earlier than the one before; used all the same
+  std::uint64_t outages = 0;          ///< times without even the noise: their events are missing, see NoiseFloor
   std::uint64_t detections = 0;       ///< polarity frames given to the detector
   std::uint64_t unusable_poses = 0;   ///< of the detector: no rigid motion, or not in front of the camera
   std::uint64_t registered = 0;       ///< markers that were confirmed: from then on there are poses
