@@ -68,5 +68,5 @@ TEST_CASE("a pixel is hot for a second after it has stopped") {
   REQUIRE(count_hot(hot_pixels, firing, 0, 100000) > 0);
   CHECK(hot_pixels.add({20, 20, 1, 1000000}));
   CHECK(!hot_pixels.add({21, 20, 1, 1000000}));
-  CHECK(!hot_pixels.add({20, 20, 1, 1300000}));
+  CHECK(!hot_pixels.add({20, 20, 1, 1600000}));
 }

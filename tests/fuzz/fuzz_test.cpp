@@ -51,7 +51,7 @@ void run_target(const char* name) {
       REQUIRE(finding(target, make_input(target, seeds, 1, run)) == "");
     }
     const double per_run = static_cast<double>(arrived - before) / static_cast<double>(runs);
-    MESSAGE(name << ": " << per_run << " events, poses and files a run");
+    MESSAGE(std::string(name) << ": " << per_run << " events, poses and files a run");
     CHECK(per_run > target.least_arrivals);
   }
 }

@@ -31,10 +31,15 @@ inline std::atomic<std::uint64_t> arrived = 0;
 /// Reads numbers from the bytes of an input; zeros where it has ended.
 class Numbers {
  public:
-  explicit Numbers(std::string_view bytes) : bytes_(bytes) {}
+  explicit Numbers(std::string_view bytes) : bytes_(bytes), size_(bytes.size()) {}
 
   bool empty() const noexcept { return bytes_.empty(); }
   std::string_view rest() const noexcept { return bytes_; }
+  /// Goes on at this byte of the input, or stays behind it.
+  void go_to(std::size_t at) noexcept {
+    const std::size_t read = size_ - bytes_.size();
+    if (read < at) bytes_.remove_prefix(std::min(at - read, bytes_.size()));
+  }
 
   std::uint64_t bits(std::size_t bytes) noexcept {
     std::uint64_t value = 0;
@@ -56,6 +61,7 @@ class Numbers {
 
  private:
   std::string_view bytes_;
+  std::size_t size_;
 };
 
 /// A file in memory with this content, for functions that read files.

@@ -174,7 +174,7 @@ inline void fuzz_pipeline(std::string_view input) {
 }
 
 inline std::vector<Target> pipeline_targets() {
-  return {{"pipeline", fuzz_pipeline, detail::pipeline_seeds, {10, 2, detail::make_call}, 96, 200, 5}};
+  return {{"pipeline", fuzz_pipeline, detail::pipeline_seeds, {10, 2, detail::make_call}, 96, 200, 2}};
 }
 
 }  // namespace evmarker::fuzz

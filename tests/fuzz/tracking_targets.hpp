@@ -27,7 +27,7 @@ namespace evmarker::fuzz {
 
 namespace detail {
 
-inline constexpr std::size_t kSettingsBytes = 32, kEventBytes = 4;
+inline constexpr std::size_t kSettingsBytes = 48, kEventBytes = 4;
 inline constexpr SensorSize kSensor{56, 42};
 inline const PinholeCamera kCamera{kSensor, 50, 50, 27.5, 20.5};
 
@@ -138,7 +138,7 @@ struct Stream {
   bool monotonic = true;
 };
 
-/// Events of 4 bytes: x, y, kind of time step and polarity, time step.
+/// Events of 4 bytes behind the settings: x, y, kind of time step and polarity, time step.
 inline Stream read_events(Numbers& numbers) {
   constexpr std::array<Timestamp, 16> jumps{1000,
                                             -1000,
@@ -158,6 +158,7 @@ inline Stream read_events(Numbers& numbers) {
                                             std::numeric_limits<Timestamp>::min() / 2};
   Stream stream;
   Timestamp t = 0;
+  numbers.go_to(kSettingsBytes);
   while (!numbers.empty()) {
     const auto x = static_cast<std::uint16_t>(numbers.byte()), y = static_cast<std::uint16_t>(numbers.byte());
     const std::uint8_t kind = numbers.byte(), step = numbers.byte();
@@ -429,14 +430,14 @@ inline void fuzz_wireframe_tracking(std::string_view input) {
 
 inline std::vector<Target> tracking_targets() {
   using namespace detail;
-  return {{"tracking", fuzz_tracking, tracking_seeds, {kSettingsBytes, kEventBytes, make_event}, 1024, 30'000, 3},
+  return {{"tracking", fuzz_tracking, tracking_seeds, {kSettingsBytes, kEventBytes, make_event}, 1024, 30'000, 6},
           {"wireframe_tracking",
            fuzz_wireframe_tracking,
            wireframe_seeds,
            {kSettingsBytes, kEventBytes, make_event},
            16384,
            200,
-           1}};
+           30}};
 }
 
 }  // namespace evmarker::fuzz

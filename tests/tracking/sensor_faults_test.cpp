@@ -72,7 +72,7 @@ TEST_CASE("an outage in which a marker rests is bridged, as its place is predict
 
 TEST_CASE("where all motion stops there is no outage, with and without noise") {
   const Trajectory motion = trajectory::stop_and_go(simulated::near_motion(73), 0.15, 0.3);
-  for (const double noise_hz_per_px : {0.0, 0.01, 0.1, 10.0}) {
+  for (const double noise_hz_per_px : {0.0, 0.01, 0.1, 1.0}) {
     CAPTURE(noise_hz_per_px);
     const auto events =
         simulated::record({simulated::camera,

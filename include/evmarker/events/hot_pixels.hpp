@@ -11,7 +11,7 @@ namespace evmarker {
 /// Finds hot pixels by counting some of the events, one in 31, at every pixel.
 ///
 /// An edge that passes makes a pixel fire some 20 times at most, and soon makes those beside it fire as often. A pixel
-/// is hot if it fires more than some 370 times in 66 ms while those 2 px away, to both sides in x or to both sides in
+/// is hot if it fires more than some 370 times in 0.26 s while those 2 px away, to both sides in x or to both sides in
 /// y, are as good as silent: alone, or in a line, as where a column of the sensor is broken. It is so for a second from
 /// then on. A flickering lamp makes all pixels of an area fire, which are not hot.
 class HotPixels {
@@ -29,14 +29,15 @@ class HotPixels {
   }
 
  private:
-  static constexpr int kEventsPerSample = 31;   // prime: not in step with a sensor that is read out by rows
-  static constexpr unsigned kHot = 12;          // samples in an epoch
-  static constexpr unsigned kSilent = 1;        // at most
-  static constexpr int kBeside = 2;             // [px]
-  static constexpr std::uint32_t kEpochs = 16;  // for which a pixel is hot; more than its samples are from
+  static constexpr int kEventsPerSample = 31;     // prime: not in step with a sensor that is read out by rows
+  static constexpr unsigned kHot = 12;            // samples in an epoch
+  static constexpr unsigned kSilent = 1;          // at most
+  static constexpr int kBeside = 2;               // [px]
+  static constexpr std::uint32_t kEpochs = 16;    // told apart
+  static constexpr std::uint32_t kEpochsHot = 4;  // for which a pixel is hot from then on
 
-  // Epochs of 66 ms.
-  static std::uint32_t epoch(Timestamp t) noexcept { return static_cast<std::uint32_t>(t >> 16); }
+  // Epochs of 0.26 s.
+  static std::uint32_t epoch(Timestamp t) noexcept { return static_cast<std::uint32_t>(t >> 18); }
 
   std::size_t index(int x, int y) const noexcept {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(size_.width) + static_cast<std::size_t>(x);
@@ -44,7 +45,7 @@ class HotPixels {
 
   [[gnu::noinline]] bool is_hot(const Event& event) const noexcept {
     const std::uint32_t until = hot_until_[index(event.x, event.y)];
-    return until != 0 && until - epoch(event.t) <= kEpochs;
+    return until != 0 && until - epoch(event.t) <= kEpochsHot;
   }
 
   [[gnu::noinline]] void sample(const Event& event) noexcept {
@@ -56,11 +57,11 @@ class HotPixels {
       samples_[pixel] = static_cast<std::uint8_t>(now % kEpochs << 4U | (samples + 1));
     } else if (stands_out(event.x, event.y, now)) {
       any_ = true;
-      hot_until_[pixel] = now + kEpochs;
+      hot_until_[pixel] = now + kEpochsHot;
     }
   }
 
-  // Only four bits of the epoch are kept. So a pixel's few samples of a second ago may count once more.
+  // Only four bits of the epoch are kept. So a pixel's few samples of four seconds ago may count once more.
   unsigned samples_in(std::size_t pixel, std::uint32_t now) const noexcept {
     return samples_[pixel] >> 4U == now % kEpochs ? samples_[pixel] & 15U : 0;
   }
