@@ -224,10 +224,12 @@ TEST_CASE("no push allocates or frees: not where a marker is announced, one of i
     BothPoses detector;
     std::size_t allocating = 0, pushes = 0, poses = 0;
     const auto use = [&](const PoseEstimate&) { ++poses; };
-    std::optional<Timestamp> due;
+    bool due = false;
+    Timestamp due_t = 0;
     const auto stop = [&](const Event& event) {
-      if (core.detection_due(event.t)) due = event.t;
-      return due.has_value();
+      due = core.detection_due(event.t);
+      due_t = event.t;
+      return due;
     };
     for (std::size_t i = 0; i < events.size();) {
       const auto batch = std::span(events).subspan(i, std::min(together, events.size() - i));
@@ -236,8 +238,8 @@ TEST_CASE("no push allocates or frees: not where a marker is announced, one of i
       allocating += count.taken() > 0 || count.given_back() > 0;
       ++pushes;
       if (!due) continue;
-      core.register_markers(answer_request(detector, core.polarity_frame(), core.request_detection(*due)), use);
-      due.reset();
+      core.register_markers(answer_request(detector, core.polarity_frame(), core.request_detection(due_t)), use);
+      due = false;
     }
     REQUIRE(core.statistics().registered >= 4);
     REQUIRE(core.statistics().lost >= 3);
