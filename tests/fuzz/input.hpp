@@ -25,7 +25,7 @@ inline void require_that(bool holds, const char* promise) {
   if (!holds) throw BrokenPromise(promise);
 }
 
-/// How many events and poses the targets have been given by what they fuzz: where nothing arrives, nothing is checked.
+/// How many events, poses and files the targets have had from what they fuzz: where none arrive, nothing is checked.
 inline std::atomic<std::uint64_t> arrived = 0;
 
 /// Reads numbers from the bytes of an input; zeros where it has ended.

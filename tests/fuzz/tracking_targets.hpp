@@ -372,14 +372,20 @@ inline std::string moving_marker(std::uint64_t seed, std::size_t most_events) {
   return bytes;
 }
 
-/// With `kind` as the first byte, default settings or others, and a few hundred events.
+/// The settings of a seed: `kind` as the first byte, the length of the ranges, and defaults.
+inline std::string seed_settings(std::uint64_t seed) {
+  std::string input(kSettingsBytes, '\0');
+  input[0] = static_cast<char>(seed);
+  input[2] = input[3] = static_cast<char>(5 + seed);
+  return input;
+}
+
+/// With default settings or others, and a few hundred events.
 inline std::vector<std::string> tracking_seeds() {
   std::vector<std::string> seeds;
   for (std::uint64_t seed = 0; seed < 12; ++seed) {
     Random random(seed);
-    std::string input(kSettingsBytes, '\0');
-    input[0] = static_cast<char>(seed);
-    input[2] = input[3] = static_cast<char>(5 + seed);
+    std::string input = seed_settings(seed);
     if (seed >= 6)
       for (char& byte : std::span(input).subspan(4))
         if (below(random, 4) == 0) byte = static_cast<char>(random.bits());
@@ -391,12 +397,7 @@ inline std::vector<std::string> tracking_seeds() {
 /// With default settings, and enough events for the search of the start.
 inline std::vector<std::string> wireframe_seeds() {
   std::vector<std::string> seeds;
-  for (std::uint64_t seed = 0; seed < 4; ++seed) {
-    std::string input(kSettingsBytes, '\0');
-    input[0] = static_cast<char>(seed);
-    input[2] = input[3] = static_cast<char>(5 + seed);
-    seeds.push_back(input + moving_marker(seed, 3500));
-  }
+  for (std::uint64_t seed = 0; seed < 4; ++seed) seeds.push_back(seed_settings(seed) + moving_marker(seed, 3500));
   return seeds;
 }
 

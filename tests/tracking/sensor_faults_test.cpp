@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/tracking/tracker.hpp"
 #include "evmarker/update/decoupled_update.hpp"
 #include "simulated.hpp"

@@ -160,7 +160,7 @@ TEST_CASE("a jump of the clock that lasts is followed, one by one as in ranges")
       require_same(in_ranges(many, jumping, 777), poses);
       CHECK(one.statistics().time_faults == 0);
       CHECK(one.statistics().time_steps_back == (by < 0));
-      CHECK(one.statistics().outages == (by > 0 ? 1 : 0));  // all the same to a tracker
+      CHECK(one.statistics().outages == (by > 0 ? 1 : 0));  // what a clock that steps forward looks like
       REQUIRE(!poses.empty());
       CHECK(poses.back().t > jumping.back().t - 20000);
       CHECK(poses.back().quality.state == TrackingState::tracking);

@@ -47,7 +47,7 @@ class NoiseFloor {
   }
   std::uint64_t events_of_quietest() const noexcept { return *std::ranges::min_element(events_); }
 
-  // Ends a measurement once there are enough events in every tile.
+  // Ends a measurement once there are enough events in every tile. The first one begins with the first check.
   [[gnu::noinline]] void check(Timestamp t) noexcept {
     const bool first = added_ == kBetweenChecks, stepped_back = t < since_;
     if (!first && !stepped_back) {

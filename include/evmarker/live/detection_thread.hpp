@@ -32,7 +32,8 @@ class DetectionThread {
   };
 
   /// @param detector must outlive this object; meanwhile it is used by its thread alone
-  /// @param max_events kept between two requests; if there are more, the request copies the whole frame
+  /// @param max_events kept between two requests; if there are more, or the frame was cleared, the request copies the
+  /// whole frame
   /// @throws std::system_error if the thread cannot be started
   DetectionThread(Detector& detector, SensorSize size, std::size_t max_events)
       : detector_(detector), max_events_(max_events), frame_(size), job_{.frame = PolarityFrame(size)} {
@@ -83,7 +84,7 @@ class DetectionThread {
     DetectionRequest request{};
     std::vector<Event> events{};
     PolarityFrame frame;
-    bool frame_is_copied = false;  // `frame` is to be used: there were more events than `events` holds
+    bool frame_is_copied = false;  // `frame` is to be used: it was cleared, or had more events than `events` holds
     Clock::time_point requested{};
     Outcome outcome{};
   };

@@ -193,7 +193,7 @@ class TrackerCore {
   // Goes on after a time without any event if the sensor or its transmission has failed meanwhile. What the frame
   // showed before may have moved away.
   void skip_outage(Timestamp t) {
-    constexpr double kEnough = 20;  // noise events that did not come: by chance, once in 10^8 such times
+    constexpr double kEnough = 20;  // noise events that did not come: by chance, in 2 of 10^9 such times
     if (!is_harmful_gap(t) || noise_floor_.expected_events(last_t_, t) < kEnough) return;
     ++statistics_.outages;
     frame_.clear();
