@@ -53,10 +53,9 @@ inline void require_marker_length(double length, const char* field = "length") {
                                 number_text(length));
 }
 
-inline void require_direction(const Eigen::Vector3d& direction, const std::string& name) {
+inline bool is_unit_or_zero(const Eigen::Vector3d& direction) noexcept {
   const double length = norm(Vec3(direction));
-  if (length != 0 && !(std::abs(length - 1) < 1e-6))
-    throw std::invalid_argument(name + " has length " + number_text(length) + ", not 1 or, where unknown, 0");
+  return length == 0 || std::abs(length - 1) < 1e-6;
 }
 
 }  // namespace detail
@@ -71,14 +70,21 @@ inline void validate(const MarkerModel& model) {
   const auto known = [&](int index) { return index >= 0 && index < static_cast<int>(model.vertices.size()); };
   for (std::size_t i = 0; i < model.segments.size(); ++i) {
     const auto& [from, to, dark_side, face_normal] = model.segments[i];
-    const std::string name = "marker model: segment " + std::to_string(i);
+    const auto fail = [&](const std::string& why) {
+      throw std::invalid_argument("marker model: segment " + std::to_string(i) + why);
+    };
+    const auto require_direction = [&](const Eigen::Vector3d& direction, const char* field) {
+      if (!detail::is_unit_or_zero(direction))
+        fail(std::string(": ") + field + " has length " + number_text(norm(Vec3(direction))) +
+             ", not 1 or, where unknown, 0");
+    };
     if (!known(from) || !known(to))
-      throw std::invalid_argument(name + " joins vertices " + std::to_string(from) + " and " + std::to_string(to) +
-                                  " of " + std::to_string(model.vertices.size()));
-    const auto vertex = [&](int index) { return model.vertices[static_cast<std::size_t>(index)]; };
-    if (squared_norm(Vec3(vertex(from)) - Vec3(vertex(to))) == 0) throw std::invalid_argument(name + " has no length");
-    detail::require_direction(dark_side, name + ": dark_side");
-    detail::require_direction(face_normal, name + ": face_normal");
+      fail(" joins vertices " + std::to_string(from) + " and " + std::to_string(to) + " of " +
+           std::to_string(model.vertices.size()));
+    const auto vertex = [&](int index) { return Vec3(model.vertices[static_cast<std::size_t>(index)]); };
+    if (squared_norm(vertex(from) - vertex(to)) == 0) fail(" has no length");
+    require_direction(dark_side, "dark_side");
+    require_direction(face_normal, "face_normal");
   }
 }
 
