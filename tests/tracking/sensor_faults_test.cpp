@@ -69,17 +69,19 @@ TEST_CASE("an outage in which a marker rests is bridged, as its place is predict
   CHECK(outcome.last_t > 690000);
 }
 
-TEST_CASE("where all motion stops there is no outage, with and without noise") {
+TEST_CASE_TEMPLATE("where all motion stops there is no outage and no loss, with and without noise", Rule, KalmanUpdate,
+                   DecoupledUpdate) {
   const Trajectory motion = trajectory::stop_and_go(simulated::near_motion(73), 0.15, 0.3);
-  for (const double noise_hz_per_px : {0.0, 0.01, 0.1, 1.0}) {
+  for (const double noise_hz_per_px : {0.0, 0.01, 0.1, 1.0, 3.0, 10.0, 20.0}) {
     CAPTURE(noise_hz_per_px);
     const auto events =
         simulated::record({simulated::camera,
                            {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
                            SimulatorSettings{.duration_s = 0.6, .seed = 73, .noise_hz_per_px = noise_hz_per_px}});
-    const Outcome outcome = track<KalmanUpdate>(motion, events);
+    const Outcome outcome = track<Rule>(motion, events);
     CHECK(outcome.statistics.outages == 0);
     CHECK(outcome.losses.empty());
+    CHECK(outcome.wrong == 0);
     CHECK(outcome.last_t > 590000);
   }
 }

@@ -78,7 +78,10 @@ class TrackHealth {
                          excess_near * std::log((1 - kChanceShare) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
-    const double share_weight = sure() ? (matched_ + near_) / kMemory : 0, rate_weight = dt_us / (dt_us + kMemory_us);
+    const double share_weight = sure() ? (matched_ + near_) / kMemory : 0;
+    // While the marker is surely followed, what lies beside its edges is background, from the first measurement on.
+    if (sure()) known_us_ = std::min(known_us_ + dt_us, kMemory_us);
+    const double rate_weight = dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kMemory_us);
     usual_share_ =
         std::clamp(usual_share_ + std::min(share_weight, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
     near_per_us_ += rate_weight * (near_ / std::max(dt_us, 1.0) - near_per_us_);
@@ -163,6 +166,7 @@ class TrackHealth {
   double t_us_ = 0;             // of that
   double usual_share_ = 0.9;    // of the events near edges that lie on them
   double near_per_us_ = 0;      // usual rate of the others
+  double known_us_ = 0;         // for how long that has been measured, limited to kMemory_us
 };
 
 }  // namespace evmarker
