@@ -43,6 +43,19 @@ TEST_CASE("a copy is a frame of its own") {
   CHECK(before.t() == 0);
 }
 
+TEST_CASE("a cleared frame is grey, and takes events as a new one does") {
+  PolarityFrame frame({3, 2});
+  frame.update({1, 0, 1, 100});
+  frame.update({2, 1, 0, 200});
+  frame.clear();
+  CHECK(frame.clears() == 1);
+  CHECK(std::ranges::all_of(frame.pixels(), [](std::uint8_t pixel) { return pixel == PolarityFrame::kUntouched; }));
+  frame.update({0, 1, 1, 300});
+  CHECK(frame.pixels()[3] == PolarityFrame::kOn);
+  CHECK(frame.times()[3] == 300);
+  CHECK(std::ranges::count(frame.pixels(), PolarityFrame::kUntouched) == 5);
+}
+
 TEST_CASE("an impossible size is refused with its value") {
   for (const evmarker::SensorSize size : {evmarker::SensorSize{0, 3}, {5, 0}, {-5, 3}, {5, -3}}) {
     try {

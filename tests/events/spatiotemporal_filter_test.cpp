@@ -204,6 +204,17 @@ TEST_CASE("no pause, however long, makes an event recent") {
     }
 }
 
+TEST_CASE("a jump of more than 18 min forgets the events before it, also where the time comes back") {
+  for (const Timestamp jump : {Timestamp{1200000000}, Timestamp{-1200000000}}) {
+    SpatiotemporalFilter filter({4, 4}, kPaperWindow);
+    filter.accept(event_at(0, 0, 5 * kWrap));
+    CHECK(filter.accept(event_at(1, 0, 5 * kWrap + 1)));
+    CHECK_FALSE(filter.accept(event_at(3, 3, 5 * kWrap + jump)));
+    CHECK_FALSE(filter.accept(event_at(0, 1, 5 * kWrap + 2)));
+    CHECK(filter.accept(event_at(1, 1, 5 * kWrap + 3)));
+  }
+}
+
 TEST_CASE("random events are let through exactly as the definition says") {
   const auto few_ms = [](auto& random) { return static_cast<Timestamp>(random() % 200); };
   const int dense = accepted_like_the_reference({12, 9}, 2000us, 0, 50000, few_ms);
@@ -221,6 +232,12 @@ TEST_CASE("random events are let through exactly as the definition says") {
   SUBCASE("with pauses of up to hours") {
     CHECK(accepted_like_the_reference({12, 9}, 2000us, -kWrap, 50000, [](auto& random) {
             return random() % 100 == 0 ? static_cast<Timestamp>(random()) * 2 : static_cast<Timestamp>(random() % 200);
+          }) > 10000);
+  }
+  SUBCASE("with jumps back of 18 min and more") {
+    CHECK(accepted_like_the_reference({12, 9}, 2000us, 40 * kWrap, 50000, [](auto& random) {
+            return random() % 500 == 0 ? -(Timestamp{1} << 30) - static_cast<Timestamp>(random())
+                                       : static_cast<Timestamp>(random() % 200);
           }) > 10000);
   }
   SUBCASE("slowly, with a window of minutes") {

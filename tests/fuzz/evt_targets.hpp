@@ -251,7 +251,8 @@ inline void fuzz_raw(std::string_view input) {
   try {
     const auto header = io::parse_raw_header(input, file.path());
     const auto whole = detail::read_raw(file, io::BlockReader::kBlockBytes, false);
-    // Opening files and starting threads take most of the time: what compares two readings does so for one input in four.
+    // Opening files and starting threads take most of the time: what compares two readings does so for one input in
+    // four.
     const std::size_t comparison = detail::sum_of_bytes(input) % 4;
     if (comparison == 0) {
       const auto blocks = detail::read_raw(file, header.bytes + 1 + input.size() % 61, false);

@@ -20,7 +20,8 @@ inline constexpr std::chrono::microseconds kPaperWindow{2000};
 
 /// Accepts an event if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
 /// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
-/// not support itself. With a window of 2000 us this is the paper's preprocessing.
+/// not support itself. With a window of 2000 us this is the paper's preprocessing. A time that jumps by more than 18
+/// min, to either side, makes it forget all events before; trackers keep single wrong times from it, see TimeGuard.
 ///
 /// A window means a least speed: neighbouring pixels along the path of an edge fire one after the other, as far apart
 /// in time as the edge needs for a pixel, and the events of an edge that needs longer than the window may be rejected.
