@@ -297,7 +297,7 @@ inline std::vector<Target> evt_targets() {
        256,
        300'000,
        0.3},
-      {"raw", fuzz_raw, raw_seeds, {0, 2, make_raw_part}, 512, 100'000, 2},
+      {"raw", fuzz_raw, raw_seeds, {0, 2, make_raw_part}, 512, 100'000, 1.5},
   };
 }
 
