@@ -69,12 +69,6 @@ class ConfirmedMarkers {
     for (std::size_t i = 0; i < markers_.size(); ++i) flush(i, use);
   }
 
-  /// Flushes only those markers whose pose or state the queued events may change.
-  template <std::invocable<const PoseEstimate&, std::size_t> Use>
-  void flush_if_pose_may_change(const Use& use) {
-    for (std::size_t i = 0; i < markers_.size(); ++i) flush_if_pose_may_change(i, use);
-  }
-
   /// See MarkerTracker::skip.
   template <std::invocable<const PoseEstimate&> Use>
   void skip(std::chrono::microseconds missing, const Use& use) {
@@ -111,7 +105,6 @@ class ConfirmedMarkers {
   const std::vector<PlanarHypotheses<Rule>>& all() const noexcept { return markers_; }
   std::size_t size() const noexcept { return markers_.size(); }
   bool empty() const noexcept { return markers_.empty(); }
-  bool any_lost() const noexcept { return std::ranges::any_of(markers_, &PlanarHypotheses<Rule>::lost); }
 
  private:
   // The queued events of one marker. Small, so that those of many markers fit the first level cache.

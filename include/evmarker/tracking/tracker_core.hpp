@@ -72,7 +72,7 @@ class TrackerCore {
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
-    const bool single = events.size() == 1 || !tentative_.empty() || guard_.releases(events.front().t);
+    const bool single = events.size() == 1 || !tentative_.empty() || !guard_.passes(events.front().t);
     const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
     deliver(use);
     return taken;
@@ -229,19 +229,16 @@ class TrackerCore {
   // The same poses as one by one, and faster: each marker gets its events in groups.
   template <typename Stop>
   std::size_t push_many(std::span<const Event> events, const Stop& stop) {
-    events = events.first(
-        std::min({events.size(), kTogether * std::max<std::size_t>(confirmed_.size(), 1), kBetweenChecks}));
+    if (check_due()) search_often_ = searching();
+    const std::size_t together = kTogether * std::max<std::size_t>(confirmed_.size(), 1);
+    const std::size_t until_check = kBetweenChecks - statistics_.events % kBetweenChecks;
+    const std::size_t count = guard_.passing(events.first(std::min({events.size(), together, until_check})));
     std::size_t taken = 0;
-    for (bool stopped = false; taken < events.size() && !stopped; ++taken) {
+    for (bool stopped = false; taken < count && !stopped; ++taken) {
       const Event& event = events[taken];
       if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
-      if (check_due()) [[unlikely]]
-        check_between();
-      if (!guard_.passes(event.t) && guard_.releases(event.t)) [[unlikely]]
-        break;  // the held event comes first, by `push_one` at the next call
       ++statistics_.events;
-      if (judge(event) != TimeGuard::Verdict::pass) [[unlikely]]
-        continue;
+      guard_.passed(event.t);
       const Intake intake = take_in(event);
       if (intake == Intake::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
@@ -255,17 +252,6 @@ class TrackerCore {
   // True before every kBetweenChecks-th event, counted over all events pushed and not by batch, so that the schedule of
   // detections, which depends on these checks, is the same however the events are batched.
   bool check_due() const noexcept { return statistics_.events % kBetweenChecks == 0; }
-
-  // In the middle of a batch: queued events that may change a marker go first, so that the result is that of single
-  // events.
-  [[gnu::noinline]] void check_between() {
-    confirmed_.flush_if_pose_may_change(collector());
-    if (confirmed_.any_lost()) {
-      confirmed_.flush(collector());
-      move_lost_to_missing();
-    }
-    search_often_ = searching();
-  }
 
   // With many markers, what an event looks up is all over the memory.
   [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
