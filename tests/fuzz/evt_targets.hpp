@@ -181,7 +181,7 @@ std::vector<std::string> decoder_seeds(const Make& make, const std::string& time
     Random random(seed);
     std::string input = bytes_of(std::uint16_t{63}) + bytes_of(std::uint16_t{47}) + static_cast<char>(seed);
     input += seed == 7 ? "" : time_word;  // all but one begin with a time
-    for (std::size_t words = 4 << (seed % 4); words > 0; --words) input += make(random);
+    for (std::size_t words = std::size_t{4} << (seed % 4); words > 0; --words) input += make(random);
     seeds.push_back(input);
   }
   return seeds;

@@ -245,8 +245,8 @@ struct HostileDetector {
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     std::vector<MarkerDetection> found;
     for (std::size_t count = below(random, 4); count > 0; --count) {
-      MarkerDetection detection{
-          .id = any_id(), .t = frame.t() - static_cast<Timestamp>(below(random, 1000)), .T_camera_marker = any_pose()};
+      const std::uint64_t t = static_cast<std::uint64_t>(frame.t()) - below(random, 1000);  // the earliest ones wrap
+      MarkerDetection detection{.id = any_id(), .t = static_cast<Timestamp>(t), .T_camera_marker = any_pose()};
       if (below(random, 3) == 0) detection.T_camera_marker_alternative = any_pose();
       found.push_back(detection);
     }
@@ -389,7 +389,7 @@ inline std::vector<std::string> tracking_seeds() {
     if (seed >= 6)
       for (char& byte : std::span(input).subspan(4))
         if (below(random, 4) == 0) byte = static_cast<char>(random.bits());
-    seeds.push_back(input + moving_marker(seed, 60 << (seed % 3)));
+    seeds.push_back(input + moving_marker(seed, std::size_t{60} << (seed % 3)));
   }
   return seeds;
 }

@@ -608,6 +608,29 @@ TEST_CASE("a pause of any length leaves the covariance symmetric, and positive, 
   }
 }
 
+TEST_CASE("after a pause of any length the covariance is definite, however little the next events say") {
+  for (const Timestamp pause :
+       {Timestamp{60'000'000}, Timestamp{86'400'000'000}, Timestamp{1} << 44, Timestamp{1} << 52})
+    for (const int n : {1, 3, 10}) {
+      CAPTURE(pause);
+      CAPTURE(n);
+      Follower rested = follower(kTruth, n);
+      ExactEvents events(64);
+      Timestamp t = follow(
+          rested, events, [](double) { return kTruth; }, 2000, 0);
+      t += pause;
+      for (int i = 0; i < 300; ++i) {
+        Vector2d event = events.next(kTruth);
+        while (i < 200 && events.segment != 0) event = events.next(kTruth);  // at first of one edge
+        rested.push(event, t + i);
+        const Vector6d free_of_units = sigmas(rested.rule().covariance()).cwiseInverse();
+        const Matrix6d correlation =
+            free_of_units.asDiagonal() * rested.rule().covariance() * free_of_units.asDiagonal();
+        CHECK(least_eigenvalue(correlation) > -1e-9);
+      }
+    }
+}
+
 TEST_CASE("forward and backward over the same events returns to the start") {
   const Trajectory motion = trajectory::linear(kTruth, {0.25, -0.15, 0.2}, {0.8, -0.6, 1.5});
   for (const int n : {1, 10, 100}) {

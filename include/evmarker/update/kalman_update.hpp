@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
@@ -28,15 +29,16 @@ class KalmanUpdate {
   using Settings = KalmanSettings;
 
   /// @throws std::invalid_argument naming the setting and its value
-  KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
+  KalmanUpdate(const Settings& settings, int events_per_update)
+      : settings_(settings),
+        initial_bb_{squared(settings.initial_sigma_offset_px), squared(settings.initial_sigma_trail_px)} {
     set_events_per_update(events_per_update);
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
     validate(settings);
     const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
                              settings.initial_sigma_w_rad_s};
     for (int i = 0; i < 12; ++i) P_.xx(i, i) = squared(sigmas[i / 3]);
-    P_.bb[kOffset][kOffset] = squared(settings.initial_sigma_offset_px);
-    P_.bb[kTrail][kTrail] = squared(settings.initial_sigma_trail_px);
+    for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] = initial_bb_[b];
   }
 
   // The running means extend over 1000 events (spread2_px_, of the squared residuals) and 100 events (scales_, of lever
@@ -348,9 +350,14 @@ class KalmanUpdate {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
-  // The process noise of a step, but no more than moves the edges to the bound of `limit_motion`.
+  // The process noise of a step, but no more than moves the edges to the bound of `limit_motion`, or turns the marker
+  // by half a turn: after the longest pause, nothing is less known. Beside far larger variances, rounding would leave a
+  // covariance that is not definite.
   MotionStep bounded(MotionStep motion, double acceleration) const noexcept {
-    const double most2 = most_motion_m_ * most_motion_m_, pose = acceleration * motion.q_pose;
+    constexpr double kHalfTurn = std::numbers::pi;
+    const double lever2 = scales_known_ ? std::max(scales_.lever2, kSmallestLever2) : kInfinity;
+    const double most2 = std::min(most_motion_m_ * most_motion_m_, kHalfTurn * kHalfTurn * lever2);
+    const double pose = acceleration * motion.q_pose;
     if (!(pose > most2)) return motion;
     motion.q_pose *= most2 / pose;
     motion.q_cross *= std::sqrt(most2 / pose);
@@ -379,13 +386,17 @@ class KalmanUpdate {
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
-    for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] += squared(settings_.offset_drift_px) * std::abs(dt);
+    for (std::size_t b = 0; b < kBiases; ++b) {
+      const double drifted = P_.bb[b][b] + squared(settings_.offset_drift_px) * std::abs(dt);
+      P_.bb[b][b] = std::max(P_.bb[b][b], std::min(drifted, initial_bb_[b]));  // never less known than at first
+    }
     const Vec6 moved = (motion.pose_by_velocity - moved_already) * twist_;
     twist_ = motion.velocity_kept * twist_;
     return moved;
   }
 
   Settings settings_;
+  std::array<double, kBiases> initial_bb_;  // variances of the biases before the first event
   ErrorCovariance P_;
   Vec6 twist_;
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
