@@ -221,6 +221,69 @@ TEST_CASE("where markers meet, events that come together give the same poses, bi
   }
 }
 
+TEST_CASE("markers are searched in the order of their losses, however many events come together") {
+  struct SearchOrder : AllKnowing {
+    std::vector<MarkerId>* searched;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+      return frame.t() < 300000 ? AllKnowing::detect(frame) : std::vector<MarkerDetection>();
+    }
+    std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d&) {
+      searched->push_back(id);
+      return std::nullopt;
+    }
+  };
+  const auto sway = [](double x, std::uint64_t seed) {
+    return trajectory::handheld(
+        {.T_centre = facing_pose({x, 0, 0.8}), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 1.3, .seed = seed});
+  };
+  const std::vector<Trajectory> motions{sway(-0.12, 63), sway(0.12, 64)};
+  const AllKnowing scene{motions};
+  const auto events =
+      simulated::record({simulated::camera,
+                         {{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motions[0]},
+                          {.id = 1,
+                           .length = 0.10,
+                           .bits =
+                               [] {
+                                 CodeBits bits = simulated::code();
+                                 bits(0, 0) ^= 1;
+                                 return bits;
+                               }(),
+                           .T_camera_marker = motions[1]}},
+                         SimulatorSettings{.duration_s = 0.5, .seed = 63}});
+  const auto begin = std::ranges::lower_bound(events, 400000, {}, &Event::t);
+  const std::vector<Event> before(events.begin(), begin), after(begin, events.end());
+  // Beside the upper edge of marker 1, then of marker 0: both are lost in one batch, marker 1 first.
+  std::vector<Event> all_beside;
+  for (const std::size_t marker : {1u, 0u})
+    for (int i = 0; i < 64; ++i) {
+      const Eigen::Vector3d corner(-0.05 + 0.1 * i / 64, 0.05, 0);
+      const Eigen::Vector2d u = simulated::camera.project(motions[marker](0.4) * corner);
+      all_beside.push_back({static_cast<std::uint16_t>(u.x()), static_cast<std::uint16_t>(u.y() - 4), 1,
+                            400000 + static_cast<Timestamp>(all_beside.size())});
+    }
+  std::vector<MarkerId> searched[2];
+  for (const bool together : {false, true}) {
+    auto beside = all_beside;
+    TrackerSettings<> settings;
+    settings.marker.health.false_alarm_rate = 0.09;
+    Tracker tracker(simulated::camera, SearchOrder{scene, &searched[together]}, settings);
+    tracker.push(before, [](const PoseEstimate&) {});
+    REQUIRE(std::ranges::distance(tracker.markers()) == 2);
+    const std::size_t piece = together ? beside.size() : 1;
+    for (int round = 0; round < 20 && tracker.statistics().lost == 0; ++round) {
+      for (std::size_t i = 0; i < beside.size(); i += piece)
+        tracker.push(std::span(beside).subspan(i, piece), [](const PoseEstimate&) {});
+      for (Event& event : beside) event.t += 200;
+    }
+    REQUIRE(tracker.statistics().lost == 2);
+    tracker.push(after, [](const PoseEstimate&) {});
+  }
+  REQUIRE(searched[0].size() >= 2);
+  CHECK(searched[0].front() == 1);
+  CHECK(searched[1] == searched[0]);
+}
+
 TEST_CASE("the events between a frame and its registration are replayed, and none is lost") {
   const Trajectory motion = simulated::near_motion(55);
   const auto events = simulated::near_events(motion, 0.3, 55);
