@@ -238,12 +238,12 @@ class TrackerCore {
       const Event& event = events[taken];
       if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
       ++statistics_.events;
-      guard_.passed(event.t);
       const Intake intake = take_in(event);
       if (intake == Intake::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
       if (intake == Intake::accepted) stopped = stop(event);
     }
+    guard_.passed(last_t_);
     confirmed_.flush(collector());
     if (!poses_.empty()) move_lost_to_missing();
     return taken;
