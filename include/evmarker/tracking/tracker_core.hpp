@@ -315,7 +315,8 @@ class TrackerCore {
     if (!poses_.empty()) poses_.hand_over(use);
   }
 
-  // The detector may find lost markers again. They are in the order of their losses, also where a batch has lost several.
+  // The detector may find lost markers again. They are in the order of their losses, also where a batch has lost
+  // several.
   void move_lost_to_missing() {
     const std::size_t before = missing_.size();
     confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) { missing_.push_back(std::move(marker)); });
