@@ -136,6 +136,8 @@ class Child {
 
   /// True while the program does not leave a signal to the system.
   bool catches(int signal) const {
+    std::error_code gone;  // the shell that starts the program catches signals, too, until it has become the program
+    if (std::filesystem::equivalent("/proc/" + std::to_string(pid_) + "/exe", "/bin/sh", gone)) return false;
     const std::string status = read_file("/proc/" + std::to_string(pid_) + "/status");
     const auto at = status.find("SigCgt:");
     return at != std::string::npos && (std::stoull(status.substr(at + 7), nullptr, 16) >> (signal - 1) & 1) != 0;
