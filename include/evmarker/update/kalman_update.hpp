@@ -29,16 +29,14 @@ class KalmanUpdate {
   using Settings = KalmanSettings;
 
   /// @throws std::invalid_argument naming the setting and its value
-  KalmanUpdate(const Settings& settings, int events_per_update)
-      : settings_(settings),
-        initial_bb_{squared(settings.initial_sigma_offset_px), squared(settings.initial_sigma_trail_px)} {
+  KalmanUpdate(const Settings& settings, int events_per_update) : settings_(settings) {
     set_events_per_update(events_per_update);
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
     validate(settings);
     const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
                              settings.initial_sigma_w_rad_s};
     for (int i = 0; i < 12; ++i) P_.xx(i, i) = squared(sigmas[i / 3]);
-    for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] = initial_bb_[b];
+    for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] = initial_bias_variance(b);
   }
 
   // The running means extend over 1000 events (spread2_px_, of the squared residuals) and 100 events (scales_, of lever
@@ -303,6 +301,10 @@ class KalmanUpdate {
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
+  double initial_bias_variance(std::size_t bias) const noexcept {
+    return squared(bias == kOffset ? settings_.initial_sigma_offset_px : settings_.initial_sigma_trail_px);
+  }
+
   MotionStep motion(double dt) const noexcept {
     return dt != 0 ? motion_step(dt, settings_.velocity_memory_s) : MotionStep();
   }
@@ -351,12 +353,12 @@ class KalmanUpdate {
   }
 
   // The process noise of a step, but no more than moves the edges to the bound of `limit_motion`, or turns the marker
-  // by half a turn: after the longest pause, nothing is less known. Beside far larger variances, rounding would leave a
-  // covariance that is not definite.
+  // ten times: after a pause of years nothing is less known. Beside variances as large as its length would make them,
+  // rounding would leave a covariance that is not definite.
   MotionStep bounded(MotionStep motion, double acceleration) const noexcept {
-    constexpr double kHalfTurn = std::numbers::pi;
+    constexpr double kTenTurns = 20 * std::numbers::pi;
     const double lever2 = scales_known_ ? std::max(scales_.lever2, kSmallestLever2) : kInfinity;
-    const double most2 = std::min(most_motion_m_ * most_motion_m_, kHalfTurn * kHalfTurn * lever2);
+    const double most2 = std::min(most_motion_m_ * most_motion_m_, kTenTurns * kTenTurns * lever2);
     const double pose = acceleration * motion.q_pose;
     if (!(pose > most2)) return motion;
     motion.q_pose *= most2 / pose;
@@ -386,9 +388,9 @@ class KalmanUpdate {
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P_.predict<bits>(motion, q); });
-    for (std::size_t b = 0; b < kBiases; ++b) {
+    for (std::size_t b = 0; b < kBiases; ++b) {  // never less known than at first
       const double drifted = P_.bb[b][b] + squared(settings_.offset_drift_px) * std::abs(dt);
-      P_.bb[b][b] = std::max(P_.bb[b][b], std::min(drifted, initial_bb_[b]));  // never less known than at first
+      P_.bb[b][b] = std::max(P_.bb[b][b], std::min(drifted, initial_bias_variance(b)));
     }
     const Vec6 moved = (motion.pose_by_velocity - moved_already) * twist_;
     twist_ = motion.velocity_kept * twist_;
@@ -396,7 +398,6 @@ class KalmanUpdate {
   }
 
   Settings settings_;
-  std::array<double, kBiases> initial_bb_;  // variances of the biases before the first event
   ErrorCovariance P_;
   Vec6 twist_;
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
