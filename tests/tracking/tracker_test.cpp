@@ -237,19 +237,12 @@ TEST_CASE("markers are searched in the order of their losses, however many event
         {.T_centre = facing_pose({x, 0, 0.8}), .amplitude_m = {0.02, 0.02, 0.02}, .frequency_hz = 1.3, .seed = seed});
   };
   const std::vector<Trajectory> motions{sway(-0.12, 63), sway(0.12, 64)};
-  const AllKnowing scene{motions};
+  CodeBits other = simulated::code();
+  other(0, 0) ^= 1;
   const auto events =
       simulated::record({simulated::camera,
                          {{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motions[0]},
-                          {.id = 1,
-                           .length = 0.10,
-                           .bits =
-                               [] {
-                                 CodeBits bits = simulated::code();
-                                 bits(0, 0) ^= 1;
-                                 return bits;
-                               }(),
-                           .T_camera_marker = motions[1]}},
+                          {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = motions[1]}},
                          SimulatorSettings{.duration_s = 0.5, .seed = 63}});
   const auto begin = std::ranges::lower_bound(events, 400000, {}, &Event::t);
   const std::vector<Event> before(events.begin(), begin), after(begin, events.end());
@@ -257,8 +250,8 @@ TEST_CASE("markers are searched in the order of their losses, however many event
   std::vector<Event> all_beside;
   for (const std::size_t marker : {1u, 0u})
     for (int i = 0; i < 64; ++i) {
-      const Eigen::Vector3d corner(-0.05 + 0.1 * i / 64, 0.05, 0);
-      const Eigen::Vector2d u = simulated::camera.project(motions[marker](0.4) * corner);
+      const Eigen::Vector3d on_edge(-0.05 + 0.1 * i / 64, 0.05, 0);
+      const Eigen::Vector2d u = simulated::camera.project(motions[marker](0.4) * on_edge);
       all_beside.push_back({static_cast<std::uint16_t>(u.x()), static_cast<std::uint16_t>(u.y() - 4), 1,
                             400000 + static_cast<Timestamp>(all_beside.size())});
     }
@@ -267,7 +260,7 @@ TEST_CASE("markers are searched in the order of their losses, however many event
     auto beside = all_beside;
     TrackerSettings<> settings;
     settings.marker.health.false_alarm_rate = 0.09;
-    Tracker tracker(simulated::camera, SearchOrder{scene, &searched[together]}, settings);
+    Tracker tracker(simulated::camera, SearchOrder{{motions}, &searched[together]}, settings);
     tracker.push(before, [](const PoseEstimate&) {});
     REQUIRE(std::ranges::distance(tracker.markers()) == 2);
     const std::size_t piece = together ? beside.size() : 1;
