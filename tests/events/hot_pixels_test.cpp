@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <span>
 #include <vector>
 
 using namespace evmarker;
@@ -23,8 +25,11 @@ std::size_t count_hot(HotPixels& hot_pixels, const Firing& firing, Timestamp beg
   for (double t = 0; t < static_cast<double>(length); t += step_us) {
     Event event = firing.pixels[number++ % firing.pixels.size()];
     event.t = begin + static_cast<Timestamp>(t);
-    hot += hot_pixels.add(event);
+    hot += hot_pixels.is_hot(event);
+    hot_pixels.count(std::span(&event, 1));
+    if (number % HotPixels::kEventsPerUpdate == 0) hot_pixels.update();
   }
+  hot_pixels.update();
   return hot;
 }
 
@@ -64,8 +69,34 @@ TEST_CASE("pixels that fire slowly, or beside others that do, are not hot") {
 TEST_CASE("a pixel is hot for a second after it has stopped") {
   HotPixels hot_pixels(kSmallSensor);
   const Firing firing{{at(20, 20)}, 10000};
-  REQUIRE(count_hot(hot_pixels, firing, 0, 100000) > 0);
-  CHECK(hot_pixels.add({20, 20, 1, 1000000}));
-  CHECK(!hot_pixels.add({21, 20, 1, 1000000}));
-  CHECK(!hot_pixels.add({20, 20, 1, 1600000}));
+  REQUIRE(count_hot(hot_pixels, firing, 0, 200000) > 0);
+  CHECK(hot_pixels.is_hot({20, 20, 1, 1000000}));
+  CHECK(!hot_pixels.is_hot({21, 20, 1, 1000000}));
+  CHECK(!hot_pixels.is_hot({20, 20, 1, 1600000}));
+}
+
+TEST_CASE("what is hot does not depend on how many events are counted at once") {
+  std::vector<Event> events;
+  for (int i = 0; i < 20 * 1024; ++i) {
+    events.push_back(at(i % 5 * 10, 20));
+    if (i % 3 == 0) events.back() = at(70, 20);  // off the sensor
+    events.back().t = 30 * i;
+  }
+  const auto hot = [&](std::size_t at_once) {
+    HotPixels hot_pixels(kSmallSensor);
+    std::vector<bool> verdicts;
+    for (auto rest = std::span<const Event>(events); !rest.empty();) {
+      const auto batch =
+          rest.first(std::min(at_once, HotPixels::kEventsPerUpdate - verdicts.size() % HotPixels::kEventsPerUpdate));
+      for (const Event& event : batch) verdicts.push_back(event.x < 64 && hot_pixels.is_hot(event));
+      hot_pixels.count(batch);
+      if (verdicts.size() % HotPixels::kEventsPerUpdate == 0) hot_pixels.update();
+      rest = rest.subspan(batch.size());
+    }
+    return verdicts;
+  };
+  const auto one_by_one = hot(1);
+  CHECK(std::ranges::count(one_by_one, true) > 1000);
+  CHECK(hot(7) == one_by_one);
+  CHECK(hot(1024) == one_by_one);
 }

@@ -1,7 +1,9 @@
 #pragma once
 // Finds pixels that go on firing, as broken ones do.
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
@@ -17,24 +19,38 @@ namespace evmarker {
 class HotPixels {
  public:
   explicit HotPixels(SensorSize size)
-      : size_(size), samples_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {
-    hot_until_.resize(samples_.size());
+      : size_(size), counts_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {
+    hot_until_.resize(counts_.size());
   }
 
-  /// Takes an event, which must lie on the sensor. Returns true if its pixel is hot.
-  bool add(const Event& event) noexcept {
-    if (--until_sample_ == 0) [[unlikely]]
-      sample(event);
-    return any_ && is_hot(event);
+  /// Takes events: puts samples of them aside.
+  void count(std::span<const Event> events) noexcept {
+    for (; events.size() >= until_sample_; until_sample_ = kEventsPerSample) {
+      put_aside(events[until_sample_ - 1]);
+      events = events.subspan(until_sample_);
+    }
+    until_sample_ -= events.size();
   }
+
+  /// Judges by the samples. To be called every kEventsPerUpdate events or more often; `is_hot` changes only here, so
+  /// that it does not depend on how many events are counted at once.
+  void update() noexcept {
+    for (const Event& event : std::span(samples_).first(samples_put_aside_)) add_sample(event);
+    samples_put_aside_ = 0;
+  }
+
+  /// True if the pixel of an event, which must lie on the sensor, is hot.
+  bool is_hot(const Event& event) const noexcept { return any_ && was_found(event); }
+
+  static constexpr std::size_t kEventsPerUpdate = 1024;
 
  private:
-  static constexpr int kEventsPerSample = 31;     // prime: not in step with a sensor that is read out by rows
-  static constexpr unsigned kHot = 12;            // samples in an epoch
-  static constexpr unsigned kSilent = 1;          // at most
-  static constexpr int kBeside = 2;               // [px]
-  static constexpr std::uint32_t kEpochs = 16;    // told apart
-  static constexpr std::uint32_t kEpochsHot = 4;  // for which a pixel is hot from then on
+  static constexpr std::size_t kEventsPerSample = 31;  // prime: not in step with a sensor that is read out by rows
+  static constexpr unsigned kHot = 12;                 // samples in an epoch
+  static constexpr unsigned kSilent = 1;               // at most
+  static constexpr int kBeside = 2;                    // [px]
+  static constexpr std::uint32_t kEpochs = 16;         // told apart
+  static constexpr std::uint32_t kEpochsHot = 4;       // for which a pixel is hot from then on
 
   // Epochs of 0.26 s.
   static std::uint32_t epoch(Timestamp t) noexcept { return static_cast<std::uint32_t>(t >> 18); }
@@ -43,18 +59,23 @@ class HotPixels {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(size_.width) + static_cast<std::size_t>(x);
   }
 
-  [[gnu::noinline]] bool is_hot(const Event& event) const noexcept {
+  [[gnu::noinline]] bool was_found(const Event& event) const noexcept {
     const std::uint32_t until = hot_until_[index(event.x, event.y)];
     return until != 0 && until - epoch(event.t) <= kEpochsHot;
   }
 
-  [[gnu::noinline]] void sample(const Event& event) noexcept {
-    until_sample_ = kEventsPerSample;
+  void put_aside(const Event& event) noexcept {
+    if (!size_.contains(event.x, event.y)) return;
+    if (samples_put_aside_ == samples_.size()) update();
+    samples_[samples_put_aside_++] = event;
+  }
+
+  void add_sample(const Event& event) noexcept {
     const std::uint32_t now = epoch(event.t);
     const std::size_t pixel = index(event.x, event.y);
     const unsigned samples = samples_in(pixel, now);
     if (samples + 1 < kHot) {
-      samples_[pixel] = static_cast<std::uint8_t>(now % kEpochs << 4U | (samples + 1));
+      counts_[pixel] = static_cast<std::uint8_t>(now % kEpochs << 4U | (samples + 1));
     } else if (stands_out(event.x, event.y, now)) {
       any_ = true;
       hot_until_[pixel] = now + kEpochsHot;
@@ -63,7 +84,7 @@ class HotPixels {
 
   // Only four bits of the epoch are kept. So a pixel's few samples of four seconds ago may count once more.
   unsigned samples_in(std::size_t pixel, std::uint32_t now) const noexcept {
-    return samples_[pixel] >> 4U == now % kEpochs ? samples_[pixel] & 15U : 0;
+    return counts_[pixel] >> 4U == now % kEpochs ? counts_[pixel] & 15U : 0;
   }
 
   bool stands_out(int x, int y, std::uint32_t now) const noexcept {
@@ -75,10 +96,11 @@ class HotPixels {
   }
 
   SensorSize size_;
-  std::vector<std::uint8_t> samples_;     // of each pixel: how many in an epoch, and four bits of the epoch
+  std::array<Event, kEventsPerUpdate / kEventsPerSample + 1> samples_{};
+  std::size_t samples_put_aside_ = 0, until_sample_ = kEventsPerSample;
+  std::vector<std::uint8_t> counts_;      // of each pixel: samples in an epoch, and four bits of the epoch
   std::vector<std::uint32_t> hot_until_;  // the last epoch in which a pixel is hot; 0 if it never was
-  int until_sample_ = kEventsPerSample;
-  bool any_ = false;  // there has been one
+  bool any_ = false;                      // there has been one
 };
 
 }  // namespace evmarker

@@ -10,6 +10,7 @@
 
 #include "evmarker/events/background_activity.hpp"
 #include "evmarker/events/event_stream.hpp"
+#include "evmarker/simd/pack.hpp"
 
 namespace evmarker {
 
@@ -42,7 +43,7 @@ class SpatiotemporalFilter {
                                   std::to_string(size.height));
     if (window.count() < 0 || window > std::chrono::minutes(8))
       throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in [0, 8 min]");
-    last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2));
+    last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2) + 1);
     if (window == kAutomaticWindow) {
       until_sample_ = BackgroundActivity::kEventsAtFirst;
       set_window_from_activity();
@@ -55,17 +56,17 @@ class SpatiotemporalFilter {
       sweep(event.t);
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t* const pixel = &last_[index(event)];
-    const auto recent = [&](const std::uint32_t* neighbour) {
-      return static_cast<unsigned>(now - *neighbour + window_ <= 2 * window_);  // |now - neighbour| <= window
+    // All eight without a branch: the processor could not predict which of them are recent. Four pixels of each row at
+    // once, of which the last one, and of the middle row the pixel itself, do not count.
+    const auto too_old = [&](const std::uint32_t* middle) {
+      return now - simd::quad_at(middle - 1) + window_ > 2 * window_;  // |now - last| > window
     };
-    // All eight without a branch: the processor could not predict which of them are recent.
-    const unsigned supported = recent(pixel - stride_ - 1) | recent(pixel - stride_) | recent(pixel - stride_ + 1) |
-                               recent(pixel - 1) | recent(pixel + 1) |  //
-                               recent(pixel + stride_ - 1) | recent(pixel + stride_) | recent(pixel + stride_ + 1);
+    const auto none = too_old(pixel - stride_) & (too_old(pixel) | simd::Quad{0, ~0u, 0, 0}) & too_old(pixel + stride_);
+    const bool supported = (none[0] & none[1] & none[2]) == 0;
     if (--until_sample_ == 0) [[unlikely]]
       sample_background_activity(event, pixel);
     *pixel = now;
-    return supported != 0;
+    return supported;
   }
 
   /// The present window [us]; the automatic one changes with the background activity.

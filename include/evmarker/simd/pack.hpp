@@ -2,6 +2,7 @@
 // A few numbers in vector registers, for loops that are too short for the compiler to vectorise.
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 namespace evmarker::simd {
 
@@ -40,6 +41,16 @@ using Pair = detail::Vector<128>::InRegister;
 [[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
 // The second number first.
 [[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
+
+/// Four unsigned numbers in one register; the usual operators work element by element, comparisons give all bits or
+/// none.
+using Quad [[gnu::vector_size(16)]] = std::uint32_t;
+
+/// Loads four adjacent numbers, which need only the alignment of one.
+[[gnu::always_inline]] inline Quad quad_at(const std::uint32_t* numbers) noexcept {
+  using InMemory [[gnu::vector_size(16), gnu::aligned(4), gnu::may_alias]] = std::uint32_t;
+  return *reinterpret_cast<const InMemory*>(numbers);
+}
 
 /// `kNumbers` numbers, a multiple of those in a vector of `kBits` bits: 64, a single number, or 128 or 256 as chosen by
 /// `in_packs`.

@@ -170,15 +170,15 @@ class TrackerCore {
  private:
   static constexpr std::uint64_t kForEver = 1000000000;  // [us]
   static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
-  static constexpr std::size_t kBetweenChecks = 1024;    // events, see check_due; also the most of a batch
-  static constexpr std::size_t kPrefetchDistance = 32;   // events: the memory is ready by then, and still cached
+  static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
+  static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
   enum class Intake { discarded, filtered_out, accepted };
 
   template <typename Stop>
   std::size_t push_one(const Event& event, const Stop& stop) {
-    if (check_due()) search_often_ = searching();
+    check_if_due();
     const TimeGuard::Verdict verdict = judge(event);
     if (verdict == TimeGuard::Verdict::release) {
       skip_outage(guard_.held().t);
@@ -217,6 +217,7 @@ class TrackerCore {
 
   template <typename Stop>
   void take(const Event& event, const Stop& stop) {
+    hot_pixels_.count(std::span(&event, 1));
     const Intake intake = take_in(event);
     if (intake == Intake::discarded) return;
     confirmed_.push(event, [this](const PoseEstimate& pose) { collect(pose); });
@@ -229,7 +230,7 @@ class TrackerCore {
   // The same poses as one by one, and faster: each marker gets its events in groups.
   template <typename Stop>
   std::size_t push_many(std::span<const Event> events, const Stop& stop) {
-    if (check_due()) search_often_ = searching();
+    check_if_due();
     const std::size_t together = kTogether * std::max<std::size_t>(confirmed_.size(), 1);
     const std::size_t until_check = kBetweenChecks - statistics_.events % kBetweenChecks;
     const std::size_t count = guard_.passing(events.first(std::min({events.size(), together, until_check})));
@@ -237,21 +238,26 @@ class TrackerCore {
     for (bool stopped = false; taken < count && !stopped; ++taken) {
       const Event& event = events[taken];
       if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
-      ++statistics_.events;
       const Intake intake = take_in(event);
       if (intake == Intake::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
       if (intake == Intake::accepted) stopped = stop(event);
     }
+    statistics_.events += taken;
+    hot_pixels_.count(events.first(taken));
     guard_.passed(last_t_);
     confirmed_.flush(collector());
     if (!poses_.empty()) move_lost_to_missing();
     return taken;
   }
 
-  // True before every kBetweenChecks-th event, counted over all events pushed and not by batch, so that the schedule of
-  // detections, which depends on these checks, is the same however the events are batched.
-  bool check_due() const noexcept { return statistics_.events % kBetweenChecks == 0; }
+  // Does what is due before every kBetweenChecks-th event, counted over all events pushed and not by batch, so that the
+  // schedule of detections and what counts as a hot pixel are the same however the events are batched.
+  void check_if_due() noexcept {
+    if (statistics_.events % kBetweenChecks != 0) return;
+    search_often_ = searching();
+    hot_pixels_.update();
+  }
 
   // With many markers, what an event looks up is all over the memory.
   [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
@@ -277,7 +283,7 @@ class TrackerCore {
       ++statistics_.off_sensor;
       return Intake::discarded;
     }
-    if (hot_pixels_.add(event)) [[unlikely]] {
+    if (hot_pixels_.is_hot(event)) [[unlikely]] {
       ++statistics_.hot;
       return Intake::discarded;
     }
