@@ -8,12 +8,14 @@
 #include <cstdint>
 #include <map>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/board.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/simulation/simulator.hpp"
@@ -72,20 +74,48 @@ inline Scene many_markers(int count) {
   return scene;
 }
 
+/// Code markers in a grid on a plate that moves in a hand and fills the image: 2, 12 (4 x 3) or 48 (8 x 6). All have
+/// the code of marker 7.
+inline Board board(int markers) {
+  const int columns = markers > 12 ? 8 : markers > 2 ? 4 : 2, rows = markers / columns;
+  const double pitch = std::min(0.13, 0.5 / columns);
+  Board board{.id = 0, .markers = {}};
+  for (int i = 0; i < markers; ++i) {
+    BoardMarker marker{.id = i, .length = 0.7 * pitch, .bits = code_bits()};
+    marker.T_board_marker.translation() =
+        pitch * Eigen::Vector3d(i % columns - (columns - 1) / 2.0, i / columns - (rows - 1) / 2.0, 0);
+    board.markers.push_back(marker);
+  }
+  return board;
+}
+
+inline Trajectory board_motion() {
+  return trajectory::handheld({.T_centre = facing_pose({0, 0, 0.65}),
+                               .amplitude_m = {0.04, 0.03, 0.05},
+                               .amplitude_rad = {0.25, 0.25, 0.3},
+                               .frequency_hz = 1.2,
+                               .seed = 6});
+}
+
 inline SimulatorSettings simulator_settings() { return {.duration_s = 1, .seed = 20, .noise_hz_per_px = 1}; }
 
+/// What is tracked as one.
+struct Body {
+  MarkerId id = 0;
+  MarkerModel model;
+  Trajectory T_camera_body;
+};
+
 struct Recording {
-  std::vector<SimulatedMarker> markers;
+  std::vector<Body> bodies;
   std::vector<Event> events;
   std::vector<Event> filtered;  ///< what the spatiotemporal filter lets through
   double peak_px_per_s = 0;
 
-  Eigen::Isometry3d truth(Timestamp t, std::size_t marker = 0) const {
-    return markers[marker].T_camera_marker(static_cast<double>(t) * 1e-6);
+  Eigen::Isometry3d truth(Timestamp t, std::size_t body = 0) const {
+    return bodies[body].T_camera_body(static_cast<double>(t) * 1e-6);
   }
-  MarkerModel model(std::size_t marker = 0) const {
-    return make_code_marker(markers[marker].length, markers[marker].bits);
-  }
+  const MarkerModel& model(std::size_t body = 0) const { return bodies[body].model; }
   Timestamp end() const { return events.back().t; }
 
   /// A start pose as a detection may give it: 5 mm beside, 15 mm behind and 1.7 deg off the true pose.
@@ -97,20 +127,38 @@ struct Recording {
   }
 };
 
-/// One marker (`one_marker`) or several (`many_markers`) for one second at 1 Hz/px noise.
-inline const Recording& recording(int markers = 1) {
-  static std::map<int, Recording> simulated;
-  if (const auto known = simulated.find(markers); known != simulated.end()) return known->second;
+/// A scene for one second at 1 Hz/px noise.
+inline Recording record(const Scene& scene, std::vector<Body> bodies) {
   Recording recording;
-  Simulator simulator(camera(), markers == 1 ? one_marker() : many_markers(markers), simulator_settings());
+  Simulator simulator(camera(), scene, simulator_settings());
   SpatiotemporalFilter filter(camera().sensor_size(), kPaperWindow);
   for_each_event(simulator, [&](const Event& event) {
     recording.events.push_back(event);
     if (filter.accept(event)) recording.filtered.push_back(event);
   });
-  recording.markers = simulator.markers();
+  recording.bodies = std::move(bodies);
   recording.peak_px_per_s = simulator.peak_speed_px_per_s();
-  return simulated.emplace(markers, std::move(recording)).first->second;
+  return recording;
+}
+
+/// One marker (`one_marker`) or several (`many_markers`).
+inline const Recording& recording(int markers = 1) {
+  static std::map<int, Recording> simulated;
+  if (const auto known = simulated.find(markers); known != simulated.end()) return known->second;
+  const Scene scene = markers == 1 ? one_marker() : many_markers(markers);
+  std::vector<Body> bodies;
+  for (const SimulatedMarker& marker : scene.markers)
+    bodies.push_back({marker.id, make_code_marker(marker.length, marker.bits), marker.T_camera_marker});
+  return simulated.emplace(markers, record(scene, std::move(bodies))).first->second;
+}
+
+/// A `board`.
+inline const Recording& board_recording(int markers) {
+  static std::map<int, Recording> simulated;
+  if (const auto known = simulated.find(markers); known != simulated.end()) return known->second;
+  const Board plate = board(markers);
+  const Scene scene{simulated_markers(plate, board_motion()), {}, {}};
+  return simulated.emplace(markers, record(scene, {{plate.id, make_board_model(plate), board_motion()}})).first->second;
 }
 
 /// How events come to a tracker: as many at a time as a camera's driver may deliver, or each by itself.

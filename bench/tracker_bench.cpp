@@ -17,22 +17,18 @@ class TrueStart {
   std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
     std::vector<MarkerDetection> detections;
     if (std::exchange(done_, true)) return detections;
-    for (std::size_t i = 0; i < recording_->markers.size(); ++i) {
-      MarkerDetection detection;
-      detection.id = recording_->markers[i].id;
-      detection.t = frame.t();
-      detection.T_camera_marker = recording_->truth(frame.t(), i);
-      for (std::size_t corner = 0; corner < 4; ++corner)
-        detection.corners_px[corner] = bench::camera().project(
-            detection.T_camera_marker * make_square_marker(recording_->markers[i].length).vertices[corner]);
-      detections.push_back(detection);
+    for (std::size_t i = 0; i < recording_->bodies.size(); ++i) {
+      detections.emplace_back();
+      detections.back().id = recording_->bodies[i].id;
+      detections.back().t = frame.t();
+      detections.back().T_camera_marker = recording_->truth(frame.t(), i);
     }
     return detections;
   }
 
   MarkerModel model(MarkerId id) const {
-    for (std::size_t i = 0; i < recording_->markers.size(); ++i)
-      if (recording_->markers[i].id == id) return recording_->model(i);
+    for (const bench::Body& body : recording_->bodies)
+      if (body.id == id) return body.model;
     throw std::invalid_argument("no marker " + std::to_string(id));
   }
 
@@ -47,18 +43,17 @@ using bench::Pushed;
 // The whole of `Tracker` on raw events: filter, polarity frame, history, every marker's tracking and verification;
 // detections that find nothing.
 template <Pushed pushed>
-void tracker(benchmark::State& state) {
-  const auto& recording = bench::recording(static_cast<int>(state.range(0)));
+void track(benchmark::State& state, const bench::Recording& recording) {
   TrackerSettings<> settings;
   settings.detections_to_confirm = 1;
   const Tracker<TrueStart> start(bench::camera(), TrueStart(recording), settings);
 
-  std::vector<AccuracyMeter> accuracy(recording.markers.size());
+  std::vector<AccuracyMeter> accuracy(recording.bodies.size());
   std::size_t poses = 0;
   auto measured = start;
   measured.push(recording.events, [&](const PoseEstimate& pose) {
     for (std::size_t i = 0; i < accuracy.size(); ++i)
-      if (recording.markers[i].id == pose.id) {
+      if (recording.bodies[i].id == pose.id) {
         accuracy[i].add(pose, recording.truth(pose.t, i));
         ++poses;
       }
@@ -82,10 +77,20 @@ void tracker(benchmark::State& state) {
   state.counters["rotation_deg"] = rotation_deg;
   state.counters["coverage"] = coverage;
 }
+template <Pushed pushed>
+void tracker(benchmark::State& state) {
+  track<pushed>(state, bench::recording(static_cast<int>(state.range(0))));
+}
 void markers(benchmark::internal::Benchmark* b) {
   b->ArgName("markers")->Arg(1)->Arg(5)->Arg(20)->Arg(50)->Unit(benchmark::kMillisecond);
 }
 BENCHMARK(tracker<Pushed::together>)->Name("tracker")->Apply(markers);
 BENCHMARK(tracker<Pushed::one_by_one>)->Name("tracker/one_by_one")->Apply(markers);
+
+// The same for one board.
+void board(benchmark::State& state) {
+  track<Pushed::together>(state, bench::board_recording(static_cast<int>(state.range(0))));
+}
+BENCHMARK(board)->ArgName("markers")->Arg(2)->Arg(12)->Arg(48)->Unit(benchmark::kMillisecond);
 
 }  // namespace

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "evmarker/evmarker.hpp"
+#include "evmarker/model/board.hpp"
 #include "evmarker/simulation/simulator.hpp"
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
@@ -72,14 +73,30 @@ inline const MarkerModel& code_marker() {
   return model;
 }
 
+// Two markers side by side and one on a side that is turned away by 60 degrees.
+inline const MarkerModel& board() {
+  static const MarkerModel model = [] {
+    Board board{.id = 5, .markers = {}};
+    for (int i = 0; i < 3; ++i) {
+      BoardMarker marker{.id = i, .length = 0.04, .bits = simulated::code(i % 2)};
+      marker.T_board_marker.translation() = Eigen::Vector3d{0.05 * (i - 1), 0, 0};
+      if (i == 2) marker.T_board_marker.linear() = so3_exp({0, 1.05, 0});
+      board.markers.push_back(marker);
+    }
+    return make_board_model(board);
+  }();
+  return model;
+}
+
 inline MarkerModel read_model(Numbers& numbers) {
-  switch (numbers.index(4)) {
+  switch (numbers.index(5)) {
     case 0: return code_marker();
     case 1: return make_square_marker(0.1 * numbers.around_one(20));
     case 2: {
       const double width = 0.1 * numbers.around_one(20), height = 0.1 * numbers.around_one(20);
       return make_rectangle_marker(width, height);
     }
+    case 3: return board();
     default: {  // a wireframe of any shape
       MarkerModel model;
       for (std::size_t vertices = 3 + numbers.index(6); vertices > 0; --vertices)
@@ -256,7 +273,7 @@ struct HostileDetector {
   MarkerModel model(MarkerId id) {
     if (below(random, 32) == 0) throw Fault();
     if (below(random, 16) == 0) return {};
-    return id == 3 ? make_square_marker(0.05) : code_marker();
+    return id == 3 ? make_square_marker(0.05) : id == 4 ? board() : code_marker();
   }
   bool shows(MarkerId, const Eigen::Isometry3d&) { return below(random, 4) != 0; }
   std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T) {

@@ -10,12 +10,12 @@
 
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/undistortion_table.hpp"
+#include "matching/agreement.hpp"
 #include "random_pose.hpp"
 
 using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using evmarker::CodeBits;
 using evmarker::Correspondence;
 using evmarker::Correspondences;
 using evmarker::EventGroup;
@@ -36,12 +36,6 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-CodeBits random_bits(SeededNumbers& random, int size) {
-  CodeBits bits(size, size);
-  for (int i = 0; i < bits.size(); ++i) bits(i / size, i % size) = static_cast<std::uint8_t>(random.integer(0, 1));
-  return bits;
-}
-
 // One in eight is seen from behind.
 Isometry3d pose_from_any_side(SeededNumbers& random, double distance, double max_tilt) {
   const bool from_behind = random.integer(0, 7) == 0;
@@ -59,14 +53,6 @@ struct Tally {
     far += result == MatchResult::far;
   }
 };
-
-bool agree(const Correspondence& a, const Correspondence& b) {
-  return a.segment == b.segment && std::abs(a.distance_px - b.distance_px) < 1e-7 &&
-         std::abs(a.squared_px - b.distance_px * b.distance_px) < 1e-7 &&
-         std::abs(b.squared_px - b.distance_px * b.distance_px) < 1e-12 && (a.normal - b.normal).norm() < 1e-9 &&
-         a.dark_side_known == b.dark_side_known && (a.M - b.M).norm() == 0 && (a.E - b.E).norm() < 1e-9 * a.E.norm() &&
-         (a.F - b.F).norm() < 1e-9 * a.F.norm() && (a.gradient - b.gradient).norm() < 1e-7 * a.gradient.norm();
-}
 
 int near_in_groups = 0;  // answers of that kind
 
@@ -96,9 +82,10 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   GridMatches matches;
   matches.count = static_cast<std::size_t>(random.integer(1, simd::kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
-  matches.set(lane, m.x(), m.y(), 7, -1, *careful.edge);
+  for (std::size_t i = 0; i < matches.count; ++i) matches.set(i, m, 7, -1, 0, *careful.edge);
   Correspondences c;
-  evmarker::correspond(grid.projected(), matches, grid.focal_length(), c);
+  evmarker::correspond(
+      matches, [&](std::size_t) -> const auto& { return grid.projected(); }, grid.focal_length(), c);
   Correspondence found = expected;
   found.segment = careful.edge->segment;
   found.distance_px = c.distance_px[lane];

@@ -30,6 +30,11 @@ struct Box {
     low = {std::min(low.x, point.x), std::min(low.y, point.y)};
     high = {std::max(high.x, point.x), std::max(high.y, point.y)};
   }
+  /// Grows the box just enough to contain another one.
+  void extend(const Box& other) noexcept {
+    low = {std::min(low.x, other.low.x), std::min(low.y, other.low.y)};
+    high = {std::max(high.x, other.high.x), std::max(high.y, other.high.y)};
+  }
   /// A copy that is larger by `margin` on every side.
   Box widened(double margin) const noexcept {
     return {{low.x - margin, low.y - margin}, {high.x + margin, high.y + margin}};

@@ -33,15 +33,24 @@ struct EdgeGeometry {
   return {focal_length * line_distance(unit, m), normal, image_gradient(normal, points.E, focal_length), points};
 }
 
+/// The line of a grid on which an edge lies, at the grid's present pose.
+struct EdgeLine {
+  Vec3 image;  ///< n m + c = 0, n toward larger grid coordinates, not of unit length
+  Vec3 V, S;   ///< in space: V at coordinate 0, S the step to the next cell [m, camera frame]
+};
+
+[[gnu::always_inline]] inline EdgeLine edge_line(const ProjectedGrid& grid, const GridEdges::Stretch& edge) noexcept {
+  const auto i = static_cast<std::size_t>(edge.coordinate);
+  return {grid.row(i) - edge.line * grid.row_w(), grid.corner() + edge.line * grid.step(i), grid.step(1 - i)};
+}
+
 /// Sets the geometry of an event's correspondence; its `t` and `polarity` are the caller's. False, and `c` is void, if
 /// the edge points at the camera.
 [[gnu::always_inline]] inline bool correspond(const ProjectedGrid& grid, const GridEdges::Stretch& edge, Vec2 m,
                                               double focal_length, Correspondence& c) noexcept {
-  const auto i = static_cast<std::size_t>(edge.coordinate);
-  const Vec3 line = grid.row(i) - edge.line * grid.row_w();
-  const EdgeGeometry geometry =
-      edge_geometry(line, edge.dark / std::sqrt(line.x * line.x + line.y * line.y),
-                    grid.corner() + edge.line * grid.step(i), grid.step(1 - i), edge.begin, edge.end, m, focal_length);
+  const auto [image, V, S] = edge_line(grid, edge);
+  const EdgeGeometry geometry = edge_geometry(image, edge.dark / std::sqrt(image.x * image.x + image.y * image.y), V, S,
+                                              edge.begin, edge.end, m, focal_length);
   c.segment = edge.segment;
   c.distance_px = geometry.distance_px;
   c.squared_px = geometry.distance_px * geometry.distance_px;
@@ -54,17 +63,18 @@ struct EdgeGeometry {
   return geometry.points.valid;
 }
 
-/// Up to eight events that were matched to edges of the grid, one array for each component.
+/// Up to eight events that were matched to edges of grids, one array for each component.
 struct GridMatches {
   alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};  ///< line of sight (x, y; 1), time [us], 1 ON, -1 OFF, 0 unknown
   alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
+  std::array<std::size_t, simd::kLanes> grid{};                       ///< number of the grid
   std::size_t count = 0;
 
   /// Writes entry i; does not change `count`.
-  void set(std::size_t i, double m_x, double m_y, Timestamp time, double sign,
+  void set(std::size_t i, Vec2 m, Timestamp time, double sign, std::size_t number_of_grid,
            const GridEdges::Stretch& edge) noexcept {
-    x[i] = m_x;
-    y[i] = m_y;
+    x[i] = m.x;
+    y[i] = m.y;
     t[i] = static_cast<double>(time);
     polarity[i] = sign;
     coordinate[i] = static_cast<double>(edge.coordinate);
@@ -72,31 +82,27 @@ struct GridMatches {
     begin[i] = edge.begin;
     end[i] = edge.end;
     dark[i] = edge.dark;
+    grid[i] = number_of_grid;
   }
 };
 
-/// Batch version of `correspond`, without its check: at poses that GridMatcher accepts, no edge points at the camera.
-[[gnu::always_inline]] inline void correspond(const ProjectedGrid& grid, const GridMatches& matches,
-                                              double focal_length, Correspondences& c) noexcept {
-  // Copies: the compiler cannot know that writing to `c` leaves the originals as they are.
-  const Vec3 rows[2] = {grid.row(0), grid.row(1)}, steps[2] = {grid.step(0), grid.step(1)};
-  const Vec3 corner = grid.corner(), row_w = grid.row_w();
-  // two[0] or two[1], for index 0.0 or 1.0: a weighted sum, as a condition would keep the loop from being vectorised.
-  const auto select = [](double index, const Vec3* two) __attribute__((always_inline)) {
-    return (1 - index) * two[0] + index * two[1];
-  };
+namespace detail {
+
+/// @param line_of(i) returns the EdgeLine of event i
+template <typename LineOf>
+[[gnu::always_inline]] inline void correspond_on(const LineOf& line_of, const GridMatches& matches, double focal_length,
+                                                 Correspondences& c) noexcept {
   alignas(64) simd::Lanes norm;
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
-    const Vec3 line = select(matches.coordinate[i], rows) - matches.k[i] * row_w;
-    norm[i] = line.x * line.x + line.y * line.y;
+    const Vec3 image = line_of(i).image;
+    norm[i] = image.x * image.x + image.y * image.y;
   }
   simd::square_roots(norm);
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
-    const double is_y = matches.coordinate[i], k = matches.k[i];
     const Vec2 m{matches.x[i], matches.y[i]};
-    const EdgeGeometry geometry =
-        edge_geometry(select(is_y, rows) - k * row_w, matches.dark[i] / norm[i], corner + k * select(is_y, steps),
-                      select(1 - is_y, steps), matches.begin[i], matches.end[i], m, focal_length);
+    const EdgeLine line = line_of(i);
+    const EdgeGeometry geometry = edge_geometry(line.image, matches.dark[i] / norm[i], line.V, line.S, matches.begin[i],
+                                                matches.end[i], m, focal_length);
     c.t[i] = matches.t[i];
     c.polarity[i] = matches.polarity[i];
     c.distance_px[i] = geometry.distance_px;
@@ -113,6 +119,61 @@ struct GridMatches {
     c.g_z[i] = geometry.gradient.z;
   }
   c.set_count(matches.count);
+}
+
+// For events on one grid.
+[[gnu::always_inline]] inline void correspond_on_one(const GridMatches& matches, const ProjectedGrid& grid,
+                                                     double focal_length, Correspondences& c) noexcept {
+  // Copies: the compiler cannot know that writing to `c` leaves the originals as they are.
+  const Vec3 rows[2] = {grid.row(0), grid.row(1)}, steps[2] = {grid.step(0), grid.step(1)};
+  const Vec3 corner = grid.corner(), row_w = grid.row_w();
+  // two[0] or two[1], for index 0.0 or 1.0: a weighted sum, as a condition would keep the loop from being vectorised.
+  const auto select = [](double index, const Vec3* two) __attribute__((always_inline)) {
+    return (1 - index) * two[0] + index * two[1];
+  };
+  const auto line_of = [&](std::size_t i) __attribute__((always_inline))->EdgeLine {
+    const double is_y = matches.coordinate[i], k = matches.k[i];
+    return {select(is_y, rows) - k * row_w, corner + k * select(is_y, steps), select(1 - is_y, steps)};
+  };
+  correspond_on(line_of, matches, focal_length, c);
+}
+
+// For events on several grids.
+template <typename GridOf>
+[[gnu::always_inline]] inline void correspond_on_several(const GridMatches& matches, const GridOf& grid_of,
+                                                         double focal_length, Correspondences& c) noexcept {
+  alignas(64) simd::Lanes lines[9];
+  for (std::size_t i = 0; i < simd::kLanes; ++i) {
+    const ProjectedGrid& grid = grid_of(matches.grid[i < matches.count ? i : 0]);
+    const auto along = static_cast<std::size_t>(matches.coordinate[i]);
+    const Vec3 image = grid.row(along) - matches.k[i] * grid.row_w();
+    const Vec3 V = grid.corner() + matches.k[i] * grid.step(along), S = grid.step(1 - along);
+    const double numbers[9] = {image.x, image.y, image.z, V.x, V.y, V.z, S.x, S.y, S.z};
+#pragma GCC unroll 9
+    for (std::size_t n = 0; n < 9; ++n) lines[n][i] = numbers[n];
+  }
+  const auto line_of = [&](std::size_t i) __attribute__((always_inline))->EdgeLine {
+    return {{lines[0][i], lines[1][i], lines[2][i]},
+            {lines[3][i], lines[4][i], lines[5][i]},
+            {lines[6][i], lines[7][i], lines[8][i]}};
+  };
+  correspond_on(line_of, matches, focal_length, c);
+}
+
+}  // namespace detail
+
+/// Batch version of `correspond`, for at least one event, without its check: at poses that GridMatcher accepts, no edge
+/// points at the camera.
+/// @param grid_of(number) returns a grid by its number
+template <typename GridOf>
+[[gnu::always_inline]] inline void correspond(const GridMatches& matches, const GridOf& grid_of, double focal_length,
+                                              Correspondences& c) noexcept {
+  bool one_grid = true;
+  for (std::size_t i = 1; i < matches.count; ++i) one_grid &= matches.grid[i] == matches.grid[0];
+  if (one_grid)
+    detail::correspond_on_one(matches, grid_of(matches.grid[0]), focal_length, c);
+  else
+    detail::correspond_on_several(matches, grid_of, focal_length, c);
 }
 
 }  // namespace evmarker

@@ -85,6 +85,11 @@ class GridMatcher {
     const Stretch* edge = nullptr;  ///< of a matched event
   };
 
+  /// True if an event may be near an edge; false if it is far from all of them. Requires `on_grid()`.
+  [[gnu::always_inline]] bool reaches(Vec2 m) const noexcept {
+    return edge_choice_grid_.within(fringe_, edge_choice_grid_.sight(m));
+  }
+
   /// Finds only the edge, without the points in space; requires `on_grid()`.
   [[gnu::always_inline]] Choice choose(Vec2 m) const noexcept {
     const Sight sight = edge_choice_grid_.sight(m);
@@ -108,32 +113,72 @@ class GridMatcher {
   /// the next multiple of simd::kLanes, results are written that mean nothing.
   void choose_many(const EventGroup& events, std::size_t first, std::size_t count, Choices& choices) const noexcept {
     NearestLines lines;
-    const double limit2 = limit2_, rival_factor = rival_factor_, rival_offset = rival_offset_;
-    const double of_line = stretches_of_line_, first_x = first_stretch_[0], first_y = first_stretch_[1];
-    const Stretch* const stretches = grid_->stretches();
     simd::in_wide_vectors([&]() __attribute__((always_inline)) {
-      nearest_lines(edge_choice_grid_, fringe_, end_margin_cells_, events, first, count, lines);
+      // Copies: the compiler cannot know that writing the results leaves the originals as they are.
+      const GridView view = this->view();
+      const StretchTable table = this->table();
+      const Limits limits = this->limits();
+      nearest_lines(
+          [view](std::size_t) __attribute__((always_inline)) { return view; }, &events.x[first], &events.y[first],
+          count, lines);
       for (std::size_t from = 0; from < count; from += simd::kLanes)
-        for (std::size_t i = from; i < from + simd::kLanes; ++i) {
-          const int x = static_cast<int>(first_x + of_line * lines.k[0][i] + lines.place[0][i]);
-          const int y = static_cast<int>(first_y + of_line * lines.k[1][i] + lines.place[1][i]);
-          // Bounds of the squared distances to the edges on both lines. Matched: one edge is surely within reach, and
-          // the other is surely no rival. No match: both are surely out of reach; near if one is surely within three
-          // times the reach, else unsure, as an edge on a third line may be near.
-          const double x_upper = simd::larger(lines.squared[0][i], stretches[x].at_most);
-          const double y_upper = simd::larger(lines.squared[1][i], stretches[y].at_most);
-          const double x_lower = simd::larger(lines.squared[0][i], stretches[x].at_least);
-          const double y_lower = simd::larger(lines.squared[1][i], stretches[y].at_least);
-          const double nearest = simd::smaller(y_upper, x_upper);
-          int choice = y_upper < x_upper ? y : x;
-          choice = nearest <= limit2 ? choice : Choices::kUnsure;
-          choice = simd::larger(x_lower, y_lower) > rival_factor * nearest + rival_offset ? choice : Choices::kUnsure;
-          const int no_match = nearest <= 9 * limit2 ? Choices::kNear : Choices::kUnsure;
-          choice = simd::smaller(x_lower, y_lower) > limit2 ? no_match : choice;
-          choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
-          choices.stretch[i] = lines.within[i] > 0.5 ? choice : Choices::kFar;
-        }
+        for (std::size_t i = from; i < from + simd::kLanes; ++i)
+          choices.stretch[i] = choose_one(lines, i, table, limits);
     });
+  }
+
+  /// What the batch versions of `choose` need: the grid at the pose at which edges are chosen, where its stretches are,
+  /// and the limits of distances.
+  [[gnu::always_inline]] GridView view() const noexcept {
+    return {edge_choice_grid_.row(0),
+            edge_choice_grid_.row(1),
+            edge_choice_grid_.row_w(),
+            edge_choice_grid_.cells(),
+            edge_choice_grid_.cells() / 2 + fringe_,
+            end_margin_cells_};
+  }
+  struct StretchTable {
+    const Stretch* stretches;
+    double of_line, first_x, first_y;  // as doubles: the sums are exact, and one conversion is enough
+  };
+  [[gnu::always_inline]] StretchTable table() const noexcept {
+    return {grid_->stretches(), 1.0 * stretches_of_line_, 1.0 * first_stretch_[0], 1.0 * first_stretch_[1]};
+  }
+  struct Limits {
+    double distance2, rival_factor, rival_offset;
+  };
+  [[gnu::always_inline]] Limits limits() const noexcept { return {limit2_, rival_factor_, rival_offset_}; }
+
+  /// The number of the stretch that event i matches, or a code, see Choices.
+  [[gnu::always_inline]] static int choose_one(const NearestLines& lines, std::size_t i, StretchTable table,
+                                               Limits limits) noexcept {
+    const Stretch* const stretches = table.stretches;
+    const int x = static_cast<int>(table.first_x + table.of_line * lines.k[0][i] + lines.place[0][i]);
+    const int y = static_cast<int>(table.first_y + table.of_line * lines.k[1][i] + lines.place[1][i]);
+    // Bounds of the squared distances to the edges on both lines. Matched: one edge is surely within reach, and the
+    // other is surely no rival. No match: both are surely out of reach; near if one is surely within three times the
+    // reach, else unsure, as an edge on a third line may be near.
+    const double x_upper = simd::larger(lines.squared[0][i], stretches[x].at_most);
+    const double y_upper = simd::larger(lines.squared[1][i], stretches[y].at_most);
+    const double x_lower = simd::larger(lines.squared[0][i], stretches[x].at_least);
+    const double y_lower = simd::larger(lines.squared[1][i], stretches[y].at_least);
+    const double nearest = simd::smaller(y_upper, x_upper);
+    int choice = y_upper < x_upper ? y : x;
+    choice = nearest <= limits.distance2 ? choice : Choices::kUnsure;
+    choice = simd::larger(x_lower, y_lower) > limits.rival_factor * nearest + limits.rival_offset ? choice
+                                                                                                  : Choices::kUnsure;
+    const int no_match = nearest <= 9 * limits.distance2 ? Choices::kNear : Choices::kUnsure;
+    choice = simd::smaller(x_lower, y_lower) > limits.distance2 ? no_match : choice;
+    choice = lines.exists[i] > 0.5 ? choice : Choices::kUnsure;
+    return lines.within[i] > 0.5 ? choice : Choices::kFar;
+  }
+
+  /// The choice that `choose_many` has found for an event with line of sight (m; 1).
+  [[gnu::always_inline]] Choice choice(int stretch, Vec2 m) const noexcept {
+    if (stretch >= 0) [[likely]]
+      return {MatchResult::matched, &this->stretch(stretch)};
+    if (stretch != Choices::kUnsure) return {stretch == Choices::kNear ? MatchResult::near : MatchResult::far};
+    return choose_carefully(m);
   }
 
   /// Decides about an event for which `choose_many` has found kUnsure.

@@ -19,26 +19,33 @@ struct NearestLines {
   alignas(64) Numbers exists;                     ///< 1 if the feet on both lines are in front of the camera, else 0
 };
 
-/// Batch version of `ProjectedGrid::nearest_lines`, for `count` events from `first` on, at most NearestLines::kMost. It
-/// works in whole lanes; results from `count` on mean nothing.
-/// @param fringe width of the fringe around the marker [cells]
-/// @param margin how far from a grid point a foot counts as around it [cells]
-[[gnu::always_inline]] inline void nearest_lines(const ProjectedGrid& grid, double fringe, double margin,
-                                                 const EventGroup& events, std::size_t first, std::size_t count,
-                                                 NearestLines& lines) noexcept {
+/// What `nearest_lines` needs to know of a grid.
+struct GridView {
+  Vec3 row_x, row_y, row_w;  ///< of the inverse homography, see ProjectedGrid
+  double cells;              ///< along a side
+  double reach;              ///< from the middle of the grid to the end of the fringe around it [cells]
+  double margin;             ///< how far from a grid point a foot counts as around it [cells]
+};
+
+/// Batch version of `ProjectedGrid::nearest_lines`, for `count` events, at most NearestLines::kMost, each with a grid
+/// of its own. It works in whole lanes; results from `count` on mean nothing.
+/// @param view_of(i) returns the GridView of event i
+/// @param event_x,event_y lines of sight
+template <typename ViewOf>
+[[gnu::always_inline]] inline void nearest_lines(const ViewOf& view_of, const double* event_x, const double* event_y,
+                                                 std::size_t count, NearestLines& lines) noexcept {
   constexpr double kRounding = ProjectedGrid::kRounding;
-  // Copies: the compiler cannot know that writing the results leaves the originals as they are.
-  const double cells = grid.cells(), centre = cells / 2, reach = centre + fringe;
-  const double before = 0.5 - margin, behind = 0.5 + margin;
-  const Vec3 row_w = grid.row_w(), row_x = grid.row(0), row_y = grid.row(1);
-  const double *const event_x = &events.x[first], *const event_y = &events.y[first];
   for (std::size_t from = 0; from < count; from += simd::kLanes)
     for (std::size_t i = from; i < from + simd::kLanes; ++i) {
+      const GridView grid = view_of(i);
+      const Vec3 row_x = grid.row_x, row_y = grid.row_y, row_w = grid.row_w;
+      const double cells = grid.cells, centre = cells / 2;
+      const double before = 0.5 - grid.margin, behind = 0.5 + grid.margin;
       const double x = event_x[i], y = event_y[i];
       const double a_x = row_x.x * x + row_x.y * y + row_x.z, a_y = row_y.x * x + row_y.y * y + row_y.z,
                    w = row_w.x * x + row_w.y * y + row_w.z;
       const double from_centre = simd::larger(std::abs(a_x - centre * w), std::abs(a_y - centre * w)), by_w = 1 / w;
-      lines.within[i] = from_centre < reach * w ? 1 : 0;
+      lines.within[i] = from_centre < grid.reach * w ? 1 : 0;
       double exists = 1;
       const auto nearest = [&](std::size_t c, Vec3 row, Vec3 along, double a, double a_along)
           __attribute__((always_inline)) {

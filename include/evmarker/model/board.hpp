@@ -56,6 +56,7 @@ inline MarkerModel make_board_model(const Board& board) {
     for (const MarkerSegment& edge : one.segments)
       model.segments.push_back(
           {first + edge.from, first + edge.to, rotate(T, edge.dark_side), rotate(T, edge.face_normal)});
+    model.codes.push_back({marker.length, marker.bits, T});
   }
   return model;
 }

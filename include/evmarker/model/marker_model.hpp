@@ -1,6 +1,7 @@
 #pragma once
 // Markers as wireframes: the edges at which they make events.
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -32,6 +33,16 @@ inline bool faces_camera(const MarkerSegment& segment, const Vec3& point,
   return squared_norm(normal) == 0 || dot(rotate(T_camera_marker, normal), point) < 0;
 }
 
+/// The cells inside a code marker's black border: rows from top to bottom, 1 white, 0 black.
+using CodeBits = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// A square code marker on a model.
+struct PlacedCode {
+  double length = 0;  ///< side of the black square [m]
+  CodeBits bits;
+  Eigen::Isometry3d T_model_code = Eigen::Isometry3d::Identity();
+};
+
 /// Any 2-D or 3-D wireframe: vertices [m] in the marker frame (origin in the centre, x right, y up, z out of the
 /// marker) and the edges between them.
 struct MarkerModel {
@@ -40,10 +51,10 @@ struct MarkerModel {
   /// Cells along a side of a square code marker, border included, if all edges lie on the lines of its grid of cells; 0
   /// for any other wireframe.
   int cells = 0;
+  /// The code markers of a board, if all its edges are theirs, those of one marker after those of the other; empty for
+  /// any other wireframe. They make matching fast.
+  std::vector<PlacedCode> codes = {};
 };
-
-/// The cells inside a code marker's black border: rows from top to bottom, 1 white, 0 black.
-using CodeBits = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 namespace detail {
 

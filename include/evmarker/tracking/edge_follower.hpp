@@ -9,7 +9,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
-#include "evmarker/matching/grid_matcher.hpp"
+#include "evmarker/matching/model_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
 #include "evmarker/update/update_rule.hpp"
@@ -89,13 +89,15 @@ class EdgeFollower {
   // Inlined, as the matching and the rule's `add` are, so that what one hands to the other stays in registers: that
   // saves a quarter of the time.
   [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
-    if (!matcher_.on_grid()) [[unlikely]]
+    if (!matcher_.grid().on_grid()) [[unlikely]]
       return push_off_grid(m, t, polarity);
-    return collect(m, t, polarity, matcher_.choose(m));
+    return collect(m, t, polarity, matcher_.grid(), matcher_.grid().choose(m));
   }
 
   /// True if events can be pushed in groups at the present pose.
-  bool accepts_groups() const noexcept { return matcher_.on_grid() && !polarity_check_; }
+  bool accepts_groups() const noexcept {
+    return (matcher_.grid().on_grid() || matcher_.board() != nullptr) && !polarity_check_;
+  }
 
   /// Takes events of a group from number `first` on, faster than one by one; requires `accepts_groups()`.
   /// @param after called with the number of each event and its Result; false ends the push after this event
@@ -103,23 +105,16 @@ class EdgeFollower {
   template <typename After>
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
+    if (!matcher_.grid().on_grid()) return push_to_board(events, first, after);
     const std::size_t end = std::min(events.count(), first + looked_up_at_once());
     GridMatcher::Choices choices;
-    matcher_.choose_many(events, first, end - first, choices);
+    matcher_.grid().choose_many(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
       const Vec2 m{events.x[i], events.y[i]};
-      GridMatcher::Choice choice;
-      const int stretch = choices.stretch[i - first];  // number of the matched GridEdges::Stretch, or a negative code
-      if (stretch >= 0) [[likely]]
-        choice.edge = &matcher_.stretch(stretch);
-      else if (stretch != GridMatcher::Choices::kUnsure)
-        choice.result = stretch == GridMatcher::Choices::kNear ? MatchResult::near : MatchResult::far;
-      else
-        choice = matcher_.choose_carefully(m);
-      const Result result = collect(m, events.t[i], events.polarity[i], choice);
+      const auto choice = matcher_.grid().choice(choices.stretch[i - first], m);
+      const Result result = collect(m, events.t[i], events.polarity[i], matcher_.grid(), choice);
       const bool go_on = after(i, result);
-      const bool outdated = result.updated && choice_lifetime_.fresh();  // the choices were made at an older pose
-      if (!go_on || outdated) return i + 1;
+      if (!go_on || choices_outdated_by(result)) return i + 1;
     }
     return end;
   }
@@ -185,7 +180,7 @@ class EdgeFollower {
 
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return T_camera_marker_; }
   const Rule& rule() const noexcept { return rule_; }
-  const GridMatcher& matcher() const noexcept { return matcher_; }
+  const ModelMatcher& matcher() const noexcept { return matcher_; }
   const UpdateStatistics& last_update() const noexcept { return last_update_; }
   /// False once the marker is not wholly in front of the camera: nothing will match any more.
   bool in_front() const noexcept { return in_front_; }
@@ -275,9 +270,38 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  // Collects an event that was matched on the grid, and updates if it is the last one that was needed.
-  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity,
-                                        const GridMatcher::Choice& choice) noexcept {
+  // The same for a board.
+  template <typename After>
+  [[gnu::noinline]] std::size_t push_to_board(const EventGroup& events, std::size_t first, const After& after) {
+    const std::size_t end = std::min(events.count(), first + looked_up_at_once());
+    BoardMatcher::Choices choices;
+    matcher_.board()->choose_many(events, first, end - first, choices);
+    for (std::size_t i = first; i < end; ++i) {
+      const Vec2 m{events.x[i], events.y[i]};
+      const Result result = collect(m, events.t[i], events.polarity[i], choices, i - first);
+      const bool go_on = after(i, result);
+      if (!go_on || choices_outdated_by(result)) return i + 1;
+    }
+    return end;
+  }
+
+  // Choices are outdated once they were made at an older pose.
+  bool choices_outdated_by(const Result& result) const noexcept { return result.updated && choice_lifetime_.fresh(); }
+
+  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Choices& choices,
+                                        std::size_t i) noexcept {
+    if (const BoardMatcher::Marker* const marker = choices.marker[i])
+      return collect(m, t, polarity, marker->matcher, marker->matcher.choice(choices.stretch[i], m), marker->number,
+                     marker->first_segment);
+    if (choices.stretch[i] == GridMatcher::Choices::kFar) return {MatchResult::far};
+    return push_off_grid(m, t, polarity);
+  }
+
+  // Collects an event that was matched on a grid, and updates if it is the last one that was needed. On a board, the
+  // grid has a number, and a first segment among the model's.
+  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const GridMatcher& grid,
+                                        const GridMatcher::Choice& choice, std::size_t number = 0,
+                                        int first_segment = 0) noexcept {
     if (choice.result == MatchResult::far) return {choice.result};
     if (choice.result != MatchResult::matched) {
       ++offered_;
@@ -285,13 +309,15 @@ class EdgeFollower {
     }
     if (adds_in_batches_) {
       ++offered_;
-      waiting_.set(waiting_.count++, m.x, m.y, t, polarity, *choice.edge);
+      waiting_.set(waiting_.count++, m, t, polarity, number, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
-      if (waiting_.count == simd::kLanes || enough) add_waiting();
-      return {choice.result, enough && update(t), choice.edge->segment};
+      if (waiting_.count == simd::kLanes) add_waiting();
+      return {choice.result, enough && update(t), first_segment + choice.edge->segment};
     }
     Correspondence correspondence;
-    return collect(matcher_.correspond(*choice.edge, m, correspondence), correspondence, t, polarity);
+    const MatchResult match = grid.correspond(*choice.edge, m, correspondence);
+    correspondence.segment += first_segment;
+    return collect(match, correspondence, t, polarity);
   }
 
   [[gnu::always_inline]] Result collect(MatchResult match, Correspondence& correspondence, Timestamp t,
@@ -311,6 +337,13 @@ class EdgeFollower {
   }
 
   [[gnu::noinline]] Result push_off_grid(Vec2 m, Timestamp t, double polarity) noexcept {
+    if (const BoardMatcher* const board = matcher_.board()) {
+      const auto [sure, marker] = board->marker_at(m);
+      if (sure && marker == nullptr) return {MatchResult::far};
+      if (sure)
+        return collect(m, t, polarity, marker->matcher, marker->matcher.choose(m), marker->number,
+                       marker->first_segment);
+    }
     Correspondence correspondence;
     return collect(matcher_.match(m, correspondence), correspondence, t, polarity);
   }
@@ -319,7 +352,8 @@ class EdgeFollower {
     if constexpr (BatchUpdateRule<Rule>) {
       simd::in_wide_vectors([&]() __attribute__((always_inline)) {
         Correspondences c;
-        correspond(matcher_.projected(), waiting_, matcher_.focal_length(), c);
+        const auto grid_of = [&](std::size_t number) -> const ProjectedGrid& { return matcher_.projected(number); };
+        correspond(waiting_, grid_of, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
         alignas(64) simd::Lanes squared_px;
         for (std::size_t i = 0; i < simd::kLanes; ++i)
@@ -332,6 +366,7 @@ class EdgeFollower {
 
   // Not inlined, which would take registers from every event: 5 to 10 % faster at n = 100, 3 % slower at n = 1.
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
+    if (waiting_.count > 0) add_waiting();
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     if constexpr (NoiseAwareRule<Rule>)
       if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.set_signal_weight(background_.signal());
@@ -355,7 +390,7 @@ class EdgeFollower {
   int events_per_update_;
   bool automatic_;
   double events_per_passage_ = 0;  // 0: not known
-  GridMatcher matcher_;
+  ModelMatcher matcher_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;
   bool in_front_ = true;

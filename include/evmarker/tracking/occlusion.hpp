@@ -26,7 +26,7 @@ inline bool on_sheet(const GridMatcher& matcher, Vec2 m) noexcept {
 /// tracker is not `reliable()`.
 template <PoseUpdateRule Rule>
 double sheet_inverse_depth(const MarkerTracker<Rule>& tracker, Vec2 m) noexcept {
-  const GridMatcher& matcher = tracker.follower().matcher();
+  const GridMatcher& matcher = tracker.follower().matcher().grid();
   return tracker.reliable() && on_sheet(matcher, m) ? inverse_depth(matcher, m) : 0;
 }
 
@@ -36,7 +36,7 @@ template <PoseUpdateRule Rule>
 bool hidden_by(double sheet_inverse_depth, const MarkerTracker<Rule>& tracker, Vec2 m) noexcept {
   // Ratio of depths; below it, sheets may lie on each other, and errors of the poses decide which is nearer.
   constexpr double kResolvable = 1.003;
-  const double marker_inverse_depth = inverse_depth(tracker.follower().matcher(), m);
+  const double marker_inverse_depth = inverse_depth(tracker.follower().matcher().grid(), m);
   return marker_inverse_depth > 0 && kResolvable * marker_inverse_depth < sheet_inverse_depth;
 }
 
