@@ -1,5 +1,6 @@
 #pragma once
 // Eqs. (1) to (5) for events and the edges of a code marker's grid that they match.
+#include <array>
 #include <cmath>
 #include <cstddef>
 

@@ -1,5 +1,6 @@
 #pragma once
 // Nearest model edge of an event by the fastest way that the model allows.
+#include <cstddef>
 #include <optional>
 #include <utility>
 
