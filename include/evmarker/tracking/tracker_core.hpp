@@ -238,12 +238,12 @@ class TrackerCore {
     for (bool stopped = false; taken < count && !stopped; ++taken) {
       const Event& event = events[taken];
       if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
+      ++statistics_.events;  // here and not for the batch: the filter may throw
       const Intake intake = take_in(event);
       if (intake == Intake::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
       if (intake == Intake::accepted) stopped = stop(event);
     }
-    statistics_.events += taken;
     hot_pixels_.count(events.first(taken));
     guard_.passed(last_t_);
     confirmed_.flush(collector());
