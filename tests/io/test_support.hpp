@@ -34,7 +34,7 @@ namespace evmarker::io::test {
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string name = std::filesystem::temp_directory_path() / "evmarker_io_XXXXXX";
+    std::string name = (std::filesystem::temp_directory_path() / "evmarker_io_XXXXXX").string();
     if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder " + name);
     path_ = name;
   }

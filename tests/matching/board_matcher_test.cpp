@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <tuple>
 
 #include "evmarker/base/so3.hpp"
@@ -35,8 +37,8 @@ Board random_cube(SeededNumbers& random) {
   Board board{.id = 901, .markers = {}};
   for (int side = 0; side < 6; ++side) {
     BoardMarker marker{.id = side, .length = 0.06, .bits = random_bits(random, 4)};
-    const Eigen::Vector3d turn = side < 4 ? Eigen::Vector3d(0, side * 1.5707963267948966, 0)
-                                          : Eigen::Vector3d((side - 4.5) * 3.141592653589793, 0, 0);
+    const Eigen::Vector3d turn = side < 4 ? Eigen::Vector3d(0, side * std::numbers::pi / 2, 0)
+                                          : Eigen::Vector3d((side - 4.5) * std::numbers::pi, 0, 0);
     marker.T_board_marker.linear() = so3_exp(turn);
     marker.T_board_marker.translation() = 0.04 * marker.T_board_marker.linear().col(2);
     board.markers.push_back(marker);
@@ -62,7 +64,7 @@ Vec2 random_event(SeededNumbers& random, const MarkerModel& model, const Eigen::
   return {place.x / place.z + random(-spread, spread), place.y / place.z + random(-spread, spread)};
 }
 
-// Whether a board's answer is the expected one: nothing else may be ambiguous for it than what another marker is near.
+// Whether a board's answer is the expected one, or it calls ambiguous what should be matched.
 bool same(MatchResult result, const Correspondence& c, MatchResult expected, const Correspondence& expected_c,
           Comparison& comparison) {
   if (result == expected) return result != MatchResult::matched || agree(c, expected_c);

@@ -18,6 +18,8 @@ namespace evmarker {
 /// then on. A flickering lamp makes all pixels of an area fire, which are not hot.
 class HotPixels {
  public:
+  static constexpr std::size_t kEventsPerUpdate = 1024;  ///< at most
+
   explicit HotPixels(SensorSize size)
       : size_(size), counts_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {
     hot_until_.resize(counts_.size());
@@ -32,7 +34,7 @@ class HotPixels {
     until_sample_ -= events.size();
   }
 
-  /// Judges by the samples. To be called every kEventsPerUpdate events or more often; `is_hot` changes only here, so
+  /// Judges by the samples. To be called after at most kEventsPerUpdate events; `is_hot` changes only here, so
   /// that it does not depend on how many events are counted at once.
   void update() noexcept {
     for (const Event& event : std::span(samples_).first(samples_put_aside_)) add_sample(event);
@@ -41,8 +43,6 @@ class HotPixels {
 
   /// True if the pixel of an event, which must lie on the sensor, is hot.
   bool is_hot(const Event& event) const noexcept { return any_ && was_found(event); }
-
-  static constexpr std::size_t kEventsPerUpdate = 1024;
 
  private:
   static constexpr std::size_t kEventsPerSample = 31;  // prime: not in step with a sensor that is read out by rows

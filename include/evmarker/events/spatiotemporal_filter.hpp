@@ -43,7 +43,7 @@ class SpatiotemporalFilter {
                                   std::to_string(size.height));
     if (window.count() < 0 || window > std::chrono::minutes(8))
       throw std::invalid_argument("filter: window is " + std::to_string(window.count()) + " us, not in [0, 8 min]");
-    last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2) + 1);
+    last_.resize(stride_ * (static_cast<std::size_t>(size.height) + 2) + 1);  // four are read at once, see accept
     if (window == kAutomaticWindow) {
       until_sample_ = BackgroundActivity::kEventsAtFirst;
       set_window_from_activity();
@@ -61,8 +61,9 @@ class SpatiotemporalFilter {
     const auto too_old = [&](const std::uint32_t* middle) {
       return now - simd::quad_at(middle - 1) + window_ > 2 * window_;  // |now - last| > window
     };
-    const auto none = too_old(pixel - stride_) & (too_old(pixel) | simd::Quad{0, ~0u, 0, 0}) & too_old(pixel + stride_);
-    const bool supported = (none[0] & none[1] & none[2]) == 0;
+    const auto columns_too_old =
+        too_old(pixel - stride_) & (too_old(pixel) | simd::Quad{0, ~0u, 0, 0}) & too_old(pixel + stride_);
+    const bool supported = (columns_too_old[0] & columns_too_old[1] & columns_too_old[2]) == 0;
     if (--until_sample_ == 0) [[unlikely]]
       sample_background_activity(event, pixel);
     *pixel = now;

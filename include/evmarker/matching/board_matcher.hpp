@@ -107,7 +107,7 @@ class BoardMatcher {
       numbers[members++] = i;
     }
     if (members == 0) return;
-    for (std::size_t k = members; k % simd::kLanes != 0; ++k) views.set(k, views, k - 1);
+    for (std::size_t k = members; k % simd::kLanes != 0; ++k) views.set(k, {}, views.view(0));
     const GridMatcher::Limits limits = markers_.front().matcher.limits();
     NearestLines lines;
     simd::in_wide_vectors([&]() __attribute__((always_inline)) {
@@ -160,9 +160,6 @@ class BoardMatcher {
       yx[i] = view.row_y.x, yy[i] = view.row_y.y, yz[i] = view.row_y.z;
       wx[i] = view.row_w.x, wy[i] = view.row_w.y, wz[i] = view.row_w.z;
       cells[i] = view.cells, reach[i] = view.reach, margin[i] = view.margin;
-    }
-    void set(std::size_t i, const Views& other, std::size_t k) noexcept {
-      set(i, {other.x[k], other.y[k]}, other.view(k));
     }
     [[gnu::always_inline]] GridView view(std::size_t i) const noexcept {
       return {{xx[i], xy[i], xz[i]}, {yx[i], yy[i], yz[i]}, {wx[i], wy[i], wz[i]}, cells[i], reach[i], margin[i]};

@@ -40,16 +40,17 @@ struct EdgeLine {
   Vec3 V, S;   ///< in space: V at coordinate 0, S the step to the next cell [m, camera frame]
 };
 
-[[gnu::always_inline]] inline EdgeLine edge_line(const ProjectedGrid& grid, const GridEdges::Stretch& edge) noexcept {
-  const auto i = static_cast<std::size_t>(edge.coordinate);
-  return {grid.row(i) - edge.line * grid.row_w(), grid.corner() + edge.line * grid.step(i), grid.step(1 - i)};
+/// @param along coordinate of the line, as in GridEdges
+/// @param k number of the line
+[[gnu::always_inline]] inline EdgeLine edge_line(const ProjectedGrid& grid, std::size_t along, double k) noexcept {
+  return {grid.row(along) - k * grid.row_w(), grid.corner() + k * grid.step(along), grid.step(1 - along)};
 }
 
 /// Sets the geometry of an event's correspondence; its `t` and `polarity` are the caller's. False, and `c` is void, if
 /// the edge points at the camera.
 [[gnu::always_inline]] inline bool correspond(const ProjectedGrid& grid, const GridEdges::Stretch& edge, Vec2 m,
                                               double focal_length, Correspondence& c) noexcept {
-  const auto [image, V, S] = edge_line(grid, edge);
+  const auto [image, V, S] = edge_line(grid, static_cast<std::size_t>(edge.coordinate), edge.line);
   const EdgeGeometry geometry = edge_geometry(image, edge.dark / std::sqrt(image.x * image.x + image.y * image.y), V, S,
                                               edge.begin, edge.end, m, focal_length);
   c.segment = edge.segment;
@@ -91,7 +92,7 @@ namespace detail {
 
 /// @param line_of(i) returns the EdgeLine of event i
 template <typename LineOf>
-[[gnu::always_inline]] inline void correspond_on(const LineOf& line_of, const GridMatches& matches, double focal_length,
+[[gnu::always_inline]] inline void correspond_on(const GridMatches& matches, const LineOf& line_of, double focal_length,
                                                  Correspondences& c) noexcept {
   alignas(64) simd::Lanes norm;
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
@@ -136,7 +137,7 @@ template <typename LineOf>
     const double is_y = matches.coordinate[i], k = matches.k[i];
     return {select(is_y, rows) - k * row_w, corner + k * select(is_y, steps), select(1 - is_y, steps)};
   };
-  correspond_on(line_of, matches, focal_length, c);
+  correspond_on(matches, line_of, focal_length, c);
 }
 
 // For events on several grids.
@@ -146,9 +147,7 @@ template <typename GridOf>
   alignas(64) simd::Lanes lines[9];
   for (std::size_t i = 0; i < simd::kLanes; ++i) {
     const ProjectedGrid& grid = grid_of(matches.grid[i < matches.count ? i : 0]);
-    const auto along = static_cast<std::size_t>(matches.coordinate[i]);
-    const Vec3 image = grid.row(along) - matches.k[i] * grid.row_w();
-    const Vec3 V = grid.corner() + matches.k[i] * grid.step(along), S = grid.step(1 - along);
+    const auto [image, V, S] = edge_line(grid, static_cast<std::size_t>(matches.coordinate[i]), matches.k[i]);
     const double numbers[9] = {image.x, image.y, image.z, V.x, V.y, V.z, S.x, S.y, S.z};
 #pragma GCC unroll 9
     for (std::size_t n = 0; n < 9; ++n) lines[n][i] = numbers[n];
@@ -158,7 +157,7 @@ template <typename GridOf>
             {lines[3][i], lines[4][i], lines[5][i]},
             {lines[6][i], lines[7][i], lines[8][i]}};
   };
-  correspond_on(line_of, matches, focal_length, c);
+  correspond_on(matches, line_of, focal_length, c);
 }
 
 }  // namespace detail

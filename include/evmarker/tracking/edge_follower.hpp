@@ -291,10 +291,14 @@ class EdgeFollower {
   [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Choices& choices,
                                         std::size_t i) noexcept {
     if (const BoardMatcher::Marker* const marker = choices.marker[i])
-      return collect(m, t, polarity, marker->matcher, marker->matcher.choice(choices.stretch[i], m), marker->number,
-                     marker->first_segment);
+      return collect(m, t, polarity, *marker, marker->matcher.choice(choices.stretch[i], m));
     if (choices.stretch[i] == GridMatcher::Choices::kFar) return {MatchResult::far};
     return push_off_grid(m, t, polarity);
+  }
+
+  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Marker& marker,
+                                        const GridMatcher::Choice& choice) noexcept {
+    return collect(m, t, polarity, marker.matcher, choice, marker.number, marker.first_segment);
   }
 
   // Collects an event that was matched on a grid, and updates if it is the last one that was needed. On a board, the
@@ -340,9 +344,7 @@ class EdgeFollower {
     if (const BoardMatcher* const board = matcher_.board()) {
       const auto [sure, marker] = board->marker_at(m);
       if (sure && marker == nullptr) return {MatchResult::far};
-      if (sure)
-        return collect(m, t, polarity, marker->matcher, marker->matcher.choose(m), marker->number,
-                       marker->first_segment);
+      if (sure) return collect(m, t, polarity, *marker, marker->matcher.choose(m));
     }
     Correspondence correspondence;
     return collect(matcher_.match(m, correspondence), correspondence, t, polarity);
