@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "evmarker/events/spatiotemporal_filter.hpp"
+#include "evmarker/model/board.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/tracking/tracker.hpp"
 #include "evmarker/tracking/wireframe_tracker.hpp"
@@ -161,6 +162,36 @@ TEST_CASE_TEMPLATE("many events through a marker's tracker, verification include
     CHECK(poses > pushed / static_cast<std::size_t>(2 * n));
     CHECK(verifications > 50);  // every other window
     CHECK(lost == 0);
+  }
+}
+
+TEST_CASE("events of a board are tracked and verified without an allocation, one by one and together") {
+  Board board{.id = 9, .markers = {}};
+  for (const int side : {-1, 1}) {
+    board.markers.push_back({.id = side, .length = 0.06, .bits = simulated::code(side > 0)});
+    board.markers.back().T_board_marker.translation().x() = 0.04 * side;
+  }
+  const Trajectory motion = simulated::near_motion(91);
+  const auto events = simulated::record(
+      {simulated::camera, simulated_markers(board, motion), SimulatorSettings{.duration_s = 0.3, .seed = 91}});
+  REQUIRE(events.size() > 100'000);
+  const MarkerTracker<> start(simulated::camera, make_board_model(board), motion(0));
+  REQUIRE(start.follower().matcher().board() != nullptr);
+  for (const std::size_t piece : {std::size_t{1}, events.size()}) {
+    MarkerTracker<> tracker = start;
+    Timestamp verified = 0;
+    int poses = 0, verifications = 0;
+    const Count count;
+    for (auto rest = std::span<const Event>(events); !rest.empty(); rest = rest.subspan(piece))
+      tracker.push(rest.first(piece), [&](const PoseEstimate& pose) {
+        ++poses;
+        verifications += pose.quality.backtrack_t != std::exchange(verified, pose.quality.backtrack_t);
+      });
+    REQUIRE(count.taken() == 0);
+    REQUIRE(count.given_back() == 0);
+    CHECK(poses > 1000);
+    CHECK(verifications > 5);
+    CHECK(tracker.state() == TrackingState::tracking);
   }
 }
 
