@@ -289,6 +289,44 @@ TEST_CASE("detections of a board's markers become one of the board, others pass"
   CHECK(boards_in({detection(1, facing_pose({0, 0, 0.01}, {1.2, 0, 0}))}).empty());
 }
 
+TEST_CASE("a board that is tracked is looked for by its markers where they must be, of the size that is assumed") {
+  struct Guided : ToldDetector {
+    std::vector<PlacedMarker>* where;
+    std::vector<MarkerDetection> detect(const PolarityFrame&, std::span<const PlacedMarker> tracked) {
+      where->assign(tracked.begin(), tracked.end());
+      std::vector<MarkerDetection> seen;
+      for (const auto& [id, T] : tracked) seen.push_back(detection(id, T));
+      return seen;
+    }
+    using ToldDetector::detect;
+    std::vector<MarkerId> ids() const { return {0, 1, 2, 3, 4}; }
+  };
+  static_assert(!GuidedDetector<BoardDetector<ToldDetector>>);
+  static_assert(GuidedDetector<BoardDetector<Guided>>);
+  static_assert(EnumeratingDetector<BoardDetector<Guided>>);
+  const Board board = plate();
+  const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2}), other = facing_pose({0.1, 0, 0.5});
+  std::vector<PlacedMarker> asked;
+  BoardDetector boards(simulated::camera, Guided{{0.5 * board.markers[0].length, {}}, &asked}, {board});
+  CHECK(boards.ids() == std::vector<MarkerId>{0, board.id});
+
+  const std::vector<PlacedMarker> tracked{{board.id, truth}, {0, other}};
+  const auto found = boards.detect(PolarityFrame({640, 480}), tracked);
+  REQUIRE(asked.size() == board.markers.size() + 1);
+  for (std::size_t i = 0; i < board.markers.size(); ++i) {
+    // One of half the length looks the same at half the distance.
+    Isometry3d expected = truth * board.markers[i].T_board_marker;
+    expected.translation() *= 0.5 * board.markers[0].length / board.markers[i].length;
+    CHECK(asked[i].id == board.markers[i].id);
+    CHECK(asked[i].T_camera_marker.isApprox(expected, 1e-12));
+  }
+  CHECK(asked.back().T_camera_marker.isApprox(other, 1e-12));
+  REQUIRE(found.size() == 2);
+  CHECK(found[0].id == 0);
+  CHECK(found[1].id == board.id);
+  CHECK(found[1].T_camera_marker.isApprox(truth, 1e-9));
+}
+
 TEST_CASE(
     "a board that is seen otherwise than its file says is refused with a word about it, and one that fits is not") {
   const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2});

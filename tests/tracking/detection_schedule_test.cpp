@@ -9,8 +9,11 @@ using namespace std::chrono_literals;
 
 namespace {
 
-const TrackerSettings<> kSettings{
-    .detection_interval = 20ms, .search_interval = 4ms, .detection_latency = 3ms, .min_events_per_detection = 10};
+const TrackerSettings<> kSettings{.detection_interval = 20ms,
+                                  .search_interval = 4ms,
+                                  .check_interval = 90ms,
+                                  .detection_latency = 3ms,
+                                  .min_events_per_detection = 10};
 
 void pass_events(DetectionSchedule& schedule, int events) {
   for (int i = 0; i < events; ++i) schedule.count_event();
@@ -54,6 +57,21 @@ TEST_CASE("where one marker was found, others are searched as often for a while"
   pass_events(schedule, 10);
   CHECK(!schedule.due(153000, false));
   CHECK(schedule.due(169000, false));
+}
+
+TEST_CASE("while all that can be found is tracked, detections are rare, also where the last was found just now") {
+  DetectionSchedule schedule(kSettings);
+  pass_events(schedule, 10);
+  schedule.begin(50000);
+  schedule.end();
+  pass_events(schedule, 10);
+  schedule.note_found(50000);
+  schedule.note_all_tracked(true);
+  CHECK(!schedule.due(139999, false));
+  CHECK(schedule.due(140000, false));
+  CHECK(schedule.due(54000, true));  // one is missing
+  schedule.note_all_tracked(false);
+  CHECK(schedule.due(54000, false));
 }
 
 TEST_CASE("a step back in time does not stop the schedule") {

@@ -426,6 +426,55 @@ TEST_CASE("a detector that throws leaves no result behind, and tracking goes on"
   CHECK(tracker.statistics().events == events.size());
 }
 
+TEST_CASE("once all that the detector knows is tracked it is seldom asked, and at once where something is lost") {
+  struct Enumerating : TrueDetector {
+    std::vector<MarkerId> all;
+    std::vector<Timestamp>* asked;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame, std::span<const PlacedMarker> tracked) const {
+      asked->push_back(frame.t());
+      for (const PlacedMarker& marker : tracked) {
+        CHECK(marker.id == 0);
+        CHECK((marker.T_camera_marker.translation() - motion(seconds(frame.t())).translation()).norm() < 0.005);
+      }
+      return TrueDetector::detect(frame);
+    }
+    using TrueDetector::detect;
+    std::vector<MarkerId> ids() const { return all; }
+  };
+  const Trajectory motion = simulated::near_motion(59);
+  const auto events = simulated::near_events(motion, 0.8, 59);
+  const auto asked_with = [&](std::vector<MarkerId> all) {
+    std::vector<Timestamp> asked;
+    Tracker tracker(simulated::camera, Enumerating{{motion}, std::move(all), &asked});
+    std::vector<PoseEstimate> poses;
+    tracker.push(events, [&](const PoseEstimate& pose) { poses.push_back(pose); });
+    CHECK(poses.size() > 3000);
+    CHECK(tracker.statistics().registered == 1);
+    CHECK(tracker.statistics().lost == 0);
+    return asked;
+  };
+  const auto with_others = asked_with({0, 1}), alone = asked_with({0});
+  CHECK(with_others.size() > 30);  // every 25 ms at least
+  REQUIRE(alone.size() > 4);
+  CHECK(alone.size() < 10);
+  CHECK(alone.back() - alone[alone.size() - 2] >= 250000);
+
+  // Lost between two of them: an outage, that is told.
+  std::vector<Timestamp> asked;
+  Tracker tracker(simulated::camera, Enumerating{{motion}, {0}, &asked});
+  Timestamp lost = 0;
+  for (const Event& event : events) {
+    if (event.t > 300000 && event.t < 340000) continue;
+    for (const PoseEstimate& pose : tracker.push(event))
+      if (pose.quality.state == TrackingState::lost) lost = pose.t;
+  }
+  REQUIRE(lost > 0);
+  const auto next = std::ranges::upper_bound(asked, Timestamp(340000));
+  REQUIRE(next != asked.end());
+  CHECK(*next < 350000);
+  CHECK(tracker.statistics().registered == 2);
+}
+
 TEST_CASE("a detector need not tell corners and times") {
   const Trajectory motion = simulated::near_motion(58);
   const auto events = simulated::near_events(motion, 0.2, 58);

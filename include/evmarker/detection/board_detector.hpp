@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -47,21 +48,20 @@ class BoardDetector {
   }
 
   /// Detects the markers on no board and the boards that a frame shows; the boards come last.
-  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
-    std::vector<MarkerDetection> found;
-    std::vector<std::vector<SeenMarker>> seen_markers(targets_.size());
-    for (const MarkerDetection& detection : detector_.detect(frame))
-      if (const auto seen = board_marker(detection))
-        seen_markers[seen->target].push_back(*seen);
-      else
-        found.push_back(detection);
-    for (std::size_t i = 0; i < targets_.size(); ++i) {
-      if (seen_markers[i].empty()) continue;
-      auto detection = locate(targets_[i], seen_markers[i]);
-      if (detection && update_check(targets_[i], seen_markers[i], detection->T_camera_marker))
-        found.push_back(*std::move(detection));
-    }
-    return found;
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame) { return boards_of(detector_.detect(frame)); }
+
+  /// See GuidedDetector.
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame,
+                                      std::span<const PlacedMarker> tracked) requires GuidedDetector<Detector> {
+    return boards_of(detector_.detect(frame, markers_of(tracked)));
+  }
+
+  /// See EnumeratingDetector.
+  std::vector<MarkerId> ids() requires EnumeratingDetector<Detector> {
+    std::vector<MarkerId> all = detector_.ids();
+    std::erase_if(all, [&](MarkerId id) { return place_of(id).has_value(); });
+    for (const Target& target : targets_) all.push_back(target.board.id);
+    return all;
   }
 
   /// The wireframe of a board, or of a marker.
@@ -144,11 +144,46 @@ class BoardDetector {
     return T;
   }
 
-  // The marker of a board that a detection shows; nothing if it is on no board.
-  std::optional<SeenMarker> board_marker(const MarkerDetection& detection) {
+  // The boards that these detections show, after the markers that are on no board.
+  template <typename Detections>
+  std::vector<MarkerDetection> boards_of(const Detections& detections) {
+    std::vector<MarkerDetection> found;
+    std::vector<std::vector<SeenMarker>> seen_markers(targets_.size());
+    for (const MarkerDetection& detection : detections)
+      if (const auto place = place_of(detection.id))
+        seen_markers[place->target].push_back(seen_marker(place->target, *place->marker, detection));
+      else
+        found.push_back(detection);
+    for (std::size_t i = 0; i < targets_.size(); ++i) {
+      if (seen_markers[i].empty()) continue;
+      auto detection = locate(targets_[i], seen_markers[i]);
+      if (detection && update_check(targets_[i], seen_markers[i], detection->T_camera_marker))
+        found.push_back(*std::move(detection));
+    }
+    return found;
+  }
+
+  // Tracked boards as the detector knows them: by their markers.
+  std::vector<PlacedMarker> markers_of(std::span<const PlacedMarker> tracked) {
+    std::vector<PlacedMarker> markers;
+    for (const auto& [id, T] : tracked)
+      if (const auto target = target_of(id))
+        for (const BoardMarker& marker : targets_[*target].board.markers)
+          markers.push_back({marker.id, as_assumed(marker, T * marker.T_board_marker)});
+      else
+        markers.push_back({id, T});
+    return markers;
+  }
+
+  // Where a marker is; nothing if it is on no board.
+  struct Place {
+    std::size_t target;
+    const BoardMarker* marker;
+  };
+  std::optional<Place> place_of(MarkerId id) const noexcept {
     for (std::size_t target = 0; target < targets_.size(); ++target)
       for (const BoardMarker& marker : targets_[target].board.markers)
-        if (marker.id == detection.id) return seen_marker(target, marker, detection);
+        if (marker.id == id) return Place{target, &marker};
     return std::nullopt;
   }
 

@@ -17,20 +17,15 @@
 
 namespace evmarker {
 
-/// A marker at a pose.
-struct PlacedMarker {
-  MarkerId id = 0;
-  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
-};
-
 /// A tracker's request about one frame. A self-contained value, which the detector may process later, in another
 /// thread.
 struct DetectionRequest {
-  Timestamp t = 0;                        ///< of the frame [us]
-  std::uint64_t events_in_frame = 0;      ///< EventHistory::pushed() when the frame was taken
-  double focal_length = 0;                ///< [px]
-  std::vector<PlacedMarker> unconfirmed;  ///< markers at their tracked poses, for `shows`
-  std::vector<PlacedMarker> missing;      ///< lost markers at their predicted poses, for `search`
+  Timestamp t = 0;                          ///< of the frame [us]
+  std::uint64_t events_in_frame = 0;        ///< EventHistory::pushed() when the frame was taken
+  double focal_length = 0;                  ///< [px]
+  std::vector<PlacedMarker> unconfirmed{};  ///< markers at their tracked poses, for `shows`
+  std::vector<PlacedMarker> missing{};      ///< lost markers at their predicted poses, for `search`
+  std::vector<PlacedMarker> tracked{};      ///< the others that are surely tracked, see GuidedDetector
 };
 
 /// What a frame shows of a marker that is tracked but not confirmed yet.
@@ -63,6 +58,7 @@ struct DetectionResult {
   std::size_t detected = 0;           ///< how many of them `detect` found
   std::uint64_t unusable_poses = 0;   ///< no rigid motions, or not in front of the camera: left out
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
+  bool all_tracked = false;           ///< the detector knows no marker but those that are tracked already
 
   /// Adds a marker without those of its poses from which no tracker could start; not at all if there is no other.
   void add(Marker marker, double focal_length) {
@@ -103,10 +99,29 @@ inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isom
          geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
+/// True if the detector knows no other markers than these.
+template <MarkerDetector Detector>
+bool knows_only(Detector& detector, std::span<const PlacedMarker> markers) {
+  if constexpr (EnumeratingDetector<Detector>)
+    return std::ranges::all_of(detector.ids(), [&](MarkerId id) {
+      return std::ranges::find(markers, id, &PlacedMarker::id) != markers.end();
+    });
+  return false;
+}
+
+/// Detects the markers in the frame of a request.
+template <MarkerDetector Detector>
+auto detect(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
+  if constexpr (GuidedDetector<Detector>)
+    return detector.detect(frame, std::span(request.tracked));
+  else
+    return detector.detect(frame);
+}
+
 /// Answers a request: detects markers in the frame, searches for the missing ones if the detector is a
 /// `SearchingDetector`, and checks the unconfirmed ones: whether they are detected at their places, or, by a
-/// `VerifyingDetector`, their codes are read there. Poses from which no tracker could start, as of a detector that errs,
-/// are left out and counted.
+/// `VerifyingDetector`, their codes are read there. Poses from which no tracker could start, as of a detector that
+/// errs, are left out and counted.
 template <MarkerDetector Detector>
 DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, const DetectionRequest& request) {
   DetectionResult result{.events_in_frame = request.events_in_frame};
@@ -118,8 +133,9 @@ DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, c
     const auto found = std::ranges::find(among, id, [](const auto& marker) { return marker.detection.id; });
     return found != among.end() ? &*found : nullptr;
   };
-  for (const MarkerDetection& detection : detector.detect(frame)) add(detection);
+  for (const MarkerDetection& detection : detect(detector, frame, request)) add(detection);
   result.detected = result.markers.size();
+  result.all_tracked = knows_only(detector, request.tracked);
 
   // A search near its predicted pose finds a partly hidden marker that `detect` misses.
   if constexpr (SearchingDetector<Detector>)

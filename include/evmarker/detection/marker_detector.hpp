@@ -5,6 +5,8 @@
 #include <concepts>
 #include <optional>
 #include <ranges>
+#include <span>
+#include <vector>
 
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/marker_model.hpp"
@@ -21,6 +23,12 @@ struct MarkerDetection {
   std::optional<Eigen::Isometry3d> T_camera_marker_alternative = std::nullopt;
   /// Corners in the distorted image [px], from the marker's top left clockwise; for pictures, no tracker needs them.
   std::array<Eigen::Vector2d, 4> corners_px{Vec2(), Vec2(), Vec2(), Vec2()};
+};
+
+/// A marker at a pose.
+struct PlacedMarker {
+  MarkerId id = 0;
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
 };
 
 /// A detector finds markers in a frame and returns their models. It may be slow, may allocate and may throw; it must
@@ -42,6 +50,20 @@ concept VerifyingDetector = MarkerDetector<D> && requires(D& detector, MarkerId 
 template <typename D>
 concept SearchingDetector = MarkerDetector<D> && requires(D& detector, MarkerId id, const Eigen::Isometry3d& T) {
   { detector.search(id, T) } -> std::same_as<std::optional<MarkerDetection>>;
+};
+
+/// A detector that need not look closely at markers that are tracked already: what it reads where they are tracked, it
+/// reports at the tracked pose.
+template <typename D>
+concept GuidedDetector = MarkerDetector<D> &&
+    requires(D& detector, const PolarityFrame& frame, std::span<const PlacedMarker> tracked) {
+  { detector.detect(frame, tracked) } -> std::same_as<decltype(detector.detect(frame))>;
+};
+
+/// A detector that names all markers that it may ever find: while all of them are tracked, it is seldom asked.
+template <typename D>
+concept EnumeratingDetector = MarkerDetector<D> && requires(D& detector) {
+  { detector.ids() } -> std::same_as<std::vector<MarkerId>>;
 };
 
 }  // namespace evmarker

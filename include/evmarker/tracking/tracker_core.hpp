@@ -115,10 +115,14 @@ class TrackerCore {
     ++statistics_.detections;
     schedule_.begin(t);
     forget_missing(t);
-    DetectionRequest request{t, history_.pushed(), lines_of_sight_.focal_length(), {}, {}};
+    DetectionRequest request{
+        .t = t, .events_in_frame = history_.pushed(), .focal_length = lines_of_sight_.focal_length()};
     tentative_.request_sightings(request, history_);
     for (const PlanarHypotheses<Rule>& marker : missing_)
       request.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
+    for (const PlanarHypotheses<Rule>& marker : confirmed_.all())
+      if (marker.tracker().state() == TrackingState::tracking)
+        request.tracked.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
     return request;
   }
 
@@ -157,6 +161,7 @@ class TrackerCore {
     announce_confirmed();  // those just added, if one detection is enough
     move_lost_to_missing();
     search_often_ = searching();
+    schedule_.note_all_tracked(result.all_tracked && !search_often_);
     deliver(use);
   }
 
@@ -326,9 +331,10 @@ class TrackerCore {
   void move_lost_to_missing() {
     const std::size_t before = missing_.size();
     confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) { missing_.push_back(std::move(marker)); });
-    if (missing_.size() > before)
-      std::ranges::sort(missing_, {},
-                        [](const auto& marker) { return std::pair(marker.tracker().estimate().t, marker.id()); });
+    if (missing_.size() == before) return;
+    schedule_.note_all_tracked(false);
+    std::ranges::sort(missing_, {},
+                      [](const auto& marker) { return std::pair(marker.tracker().estimate().t, marker.id()); });
   }
 
   // For a short time after its loss a marker is searched for where its motion must have taken it.

@@ -19,6 +19,9 @@ struct TrackerSettings {
   /// The same while a marker is missing: none is tracked, one is not confirmed yet, or one was confirmed or lost less
   /// than 0.1 s ago.
   std::chrono::microseconds search_interval{5000};
+  /// The same while every marker that the detector knows is tracked, see EnumeratingDetector: a detection then only
+  /// tells whether one of them is elsewhere.
+  std::chrono::microseconds check_interval{250000};
   /// Camera time from the request of a detection to the use of its result, as if the detector took so long. The events
   /// in between are replayed into the trackers of the new markers.
   std::chrono::microseconds detection_latency{0};
@@ -36,6 +39,7 @@ void validate(const TrackerSettings<Rule>& settings) {
   const Require require("tracker");
   require(settings.detection_interval.count() > 0, "detection_interval [us]", settings.detection_interval.count());
   require(settings.search_interval.count() > 0, "search_interval [us]", settings.search_interval.count());
+  require(settings.check_interval.count() > 0, "check_interval [us]", settings.check_interval.count());
   require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
   require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
   require(settings.max_markers > 0, "max_markers", settings.max_markers);
