@@ -59,17 +59,12 @@ inline CLI::Validator positive_number() {
           "POSITIVE"};
 }
 
-/// Accepts a marker's length in metres: not in millimetres.
-inline CLI::Validator marker_length() {
-  return {[](std::string& text) {
-            if (const std::string fault = positive_number()(text); !fault.empty()) return fault;
-            double length = 0;
-            CLI::detail::lexical_cast(text, length);
-            if (length >= 0.001 && length <= 10) return std::string();
-            const std::string meant = text + " is taken as metres, which must be from 0.001 to 10";
-            return length < 1 ? meant : meant + "; for " + text + " mm give " + evmarker::number_text(length / 1000);
-          },
-          "0.001..10"};
+/// What is wrong with a marker's length in metres, as where it is in millimetres; empty if nothing is.
+/// @param text the length as the user has written it
+inline std::string marker_length_fault(double length, const std::string& text) {
+  if (length >= 0.001 && length <= 10) return {};
+  const std::string meant = text + " is taken as metres, which must be from 0.001 to 10";
+  return length < 1 ? meant : meant + "; for " + text + " mm give " + evmarker::number_text(length / 1000);
 }
 
 /// Accepts `auto`, as 0, or a whole number from 1 to `most`.

@@ -20,6 +20,7 @@
 #include "distinct_files.hpp"
 #include "interruption.hpp"
 #include "lens_option.hpp"
+#include "marker_lengths.hpp"
 
 using namespace evmarker;
 
@@ -29,8 +30,8 @@ struct Options {
   std::string recording, camera, truth, board, dictionary = "DICT_4X4_50", motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
   std::vector<double> black{0.08}, white{0.85};
-  double focal_px = 533, marker_length = 0.10, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3, move_s = 0.5,
-         rest_s = 0.5;
+  MarkerLengths lengths;
+  double focal_px = 533, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3, move_s = 0.5, rest_s = 0.5;
   Distortion lens;
   SimulatorSettings sensor{.duration_s = 3};
   bool quiet = false;
@@ -52,9 +53,7 @@ struct Options {
         app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
     app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
         ->excludes(side_by_side);
-    app.add_option("--marker-length", marker_length, "side of the black square [m]")
-        ->check(console::marker_length())
-        ->capture_default_str();
+    lengths.add_to(app, "side of the black square [m], 0.1 where none is given");
     app.add_option("--black", black, "share of the light that the ink sends back, one for all markers or one each")
         ->delimiter(',')
         ->capture_default_str();
@@ -133,9 +132,8 @@ struct Target {
   Trajectory motion;
 };
 
-Trajectory make_motion(const Options& o, std::size_t place, std::size_t places) {
-  const double spacing = 1.6 * o.marker_length;
-  const double x = (static_cast<double>(place) - 0.5 * (static_cast<double>(places) - 1)) * spacing;
+// Of what is `x` metres beside the middle.
+Trajectory make_motion(const Options& o, std::size_t place, double x) {
   const Eigen::Isometry3d centre = facing_pose({x, 0, o.distance_m});
   const Trajectory sway = trajectory::handheld({.T_centre = centre,
                                                 .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
@@ -167,13 +165,19 @@ void paint(const Options& o, std::vector<SimulatedMarker>& markers) {
 
 std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>& targets) {
   const cv::aruco::Dictionary dictionary = opencv::make_dictionary(o.dictionary);
+  MarkerLengths lengths = o.lengths;
+  lengths.set_default(0.1);
+  lengths.load();
+  double longest = 0;
+  for (const MarkerId id : o.ids) longest = std::max(longest, lengths.of(id));
   std::vector<SimulatedMarker> scene;
   for (std::size_t i = 0; i < o.ids.size(); ++i) {
     if (std::ranges::count(o.ids, o.ids[i]) > 1)
       throw std::invalid_argument("--ids: " + std::to_string(o.ids[i]) + " is there twice");
-    targets.push_back({o.ids[i], make_motion(o, i, o.ids.size())});
+    const double from_middle = static_cast<double>(i) - 0.5 * (static_cast<double>(o.ids.size()) - 1);
+    targets.push_back({o.ids[i], make_motion(o, i, 1.6 * longest * from_middle)});
     scene.push_back({.id = o.ids[i],
-                     .length = o.marker_length,
+                     .length = lengths.of(o.ids[i]),
                      .bits = opencv::marker_bits(dictionary, o.ids[i], o.dictionary),
                      .T_camera_marker = targets.back().motion});
   }
@@ -182,7 +186,7 @@ std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>&
 
 std::vector<SimulatedMarker> make_board(const Options& o, std::vector<Target>& targets) {
   const Board board = opencv::load_board(o.board, o.dictionary);
-  targets.push_back({board.id, make_motion(o, 0, 1)});
+  targets.push_back({board.id, make_motion(o, 0, 0)});
   return simulated_markers(board, targets.back().motion);
 }
 
@@ -199,7 +203,7 @@ void write_truth(io::PoseCsvWriter& truth, const std::vector<Target>& targets, T
 
 void simulate(const Options& o) {
   require_in_front(o);
-  require_distinct({{"--board", o.board}},
+  require_distinct({{"--board", o.board}, {"--markers", o.lengths.file()}},
                    {{"the recording", o.recording}, {"--camera", o.calibration()}, {"--truth", o.truth}});
   interruption::watch();
   const SensorSize size{o.size[0], o.size[1]};

@@ -58,8 +58,8 @@ struct TrackFileOptions : TrackOptions {
 
   /// @throws std::invalid_argument where other markers are to be tracked beside a body
   Wireframe load_body() const {
-    if (marker_length > 0 || !boards.empty() || !ids.empty())
-      throw std::invalid_argument("--wireframe: a body is tracked alone, without --marker-length, --board and --ids");
+    if (!lengths.empty() || !boards.empty() || !ids.empty())
+      throw std::invalid_argument("--wireframe: a body is tracked alone, without --marker-length, --markers, --board and --ids");
     return ::load_body(wireframe, start);
   }
 };

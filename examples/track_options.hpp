@@ -13,10 +13,11 @@
 
 #include "console.hpp"
 #include "distinct_files.hpp"
+#include "marker_lengths.hpp"
 
 struct TrackOptions {
   std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output;
-  double marker_length = 0;
+  MarkerLengths lengths;
   std::vector<std::string> boards;
   std::vector<int> ids;
   // Automatic or not, as the library has them.
@@ -30,8 +31,7 @@ struct TrackOptions {
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->capture_default_str();
-    app.add_option("--marker-length", marker_length, "side of the black square [m]; not needed to track boards alone")
-        ->check(console::marker_length());
+    lengths.add_to(app, "side of the black square [m], not needed to track boards alone");
     app.add_option("--board", boards, "board of markers to track as one, a YAML file; may be given again");
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update,
@@ -51,7 +51,7 @@ struct TrackOptions {
   }
 
   std::vector<FileOption> files_read() const {
-    std::vector<FileOption> files{{"the recording", recording}, {"--camera", camera}};
+    std::vector<FileOption> files{{"the recording", recording}, {"--camera", camera}, {"--markers", lengths.file()}};
     for (const std::string& board : boards) files.push_back({"--board", board});
     return files;
   }
@@ -88,13 +88,18 @@ struct TrackOptions {
   }
 
  private:
+  // What to find: the boards' markers, and of the single ones those of --ids, or those whose length is known.
   evmarker::opencv::ArucoDetectorSettings aruco_settings(const std::vector<evmarker::Board>& loaded) const {
-    if (marker_length == 0 && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
-    if (marker_length == 0 && !ids.empty())
+    MarkerLengths single = lengths;
+    single.load();
+    if (single.empty() && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
+    if (single.empty() && !ids.empty())
       throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");
-    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = dictionary, .ids = ids};
-    settings.marker_length = marker_length > 0 ? marker_length : loaded[0].markers[0].length;
-    if (marker_length > 0 && ids.empty()) return settings;
+    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = dictionary, .lengths = single.own()};
+    if (single.common() > 0) settings.marker_length = single.common();
+    if (single.common() > 0 && ids.empty()) return settings;
+    settings.ids = ids.empty() ? single.ids() : ids;
+    for (const int id : settings.ids) single.of(id);
     for (const evmarker::Board& board : loaded)
       for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
     return settings;

@@ -539,6 +539,31 @@ TEST_CASE("examples: a board of markers is simulated and tracked as one") {
   for (const Row& pose : read_table(read_file(folder / "both.csv"))) CHECK(pose.id == "100");
 }
 
+TEST_CASE("examples: markers of several lengths are simulated and tracked, each with its own") {
+  const TemporaryFolder folder;
+  write_file(folder / "sizes.yml", "markers: [{ id: 3, length: 0.06 }]\n");
+  const Result made = run(folder,
+                          "simulate m.raw --ids 3,7 --marker-length 0.1 --marker-length 3:0.06 --truth truth.csv "
+                          "--duration 0.5 --frequency 2 --noise 0.3");
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  const auto truth = read_table(read_file(folder / "truth.csv"));
+  for (const char* lengths : {"--marker-length 7:0.1 --markers sizes.yml", "--marker-length 0.1 --markers sizes.yml"}) {
+    const Result tracked = run(folder, "track_file m.raw --camera m.yml --output poses.csv " + std::string(lengths));
+    REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
+    for (const char* id : {"3", "7"}) {
+      auto poses = read_table(read_file(folder / "poses.csv"));
+      auto true_poses = truth;
+      std::erase_if(poses, [&](const Row& row) { return row.id != id; });
+      std::erase_if(true_poses, [&](const Row& row) { return row.id != id; });
+      const MeanError error = mean_tracking_error(poses, true_poses);
+      CAPTURE(id);
+      REQUIRE(error.poses > 300);
+      CHECK(error.mm < 2);  // a wrong length would be a wrong distance: 240 mm or more
+      CHECK(error.deg < 2);
+    }
+  }
+}
+
 TEST_CASE("examples: a body of straight edges is tracked from where its file or an option says that it is") {
   const TemporaryFolder folder;
   for (const char* name : {"recording.raw", "camera.yml", "truth.csv"})
@@ -933,6 +958,23 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        {"--marker-length", "100 is taken as metres", "for 100 mm give 0.1"}},
       {"track_file recording.raw --camera camera.yml --marker-length 0.0005",
        {"--marker-length", "0.0005 is taken as metres", "from 0.001"}},
+      {"track_file recording.raw --camera camera.yml --marker-length 7:100",
+       {"--marker-length 7:100", "for 100 mm give 0.1"}},
+      {"track_file recording.raw --camera camera.yml --marker-length x:0.1", {"--marker-length x:0.1", "\"x\""}},
+      {track + " --marker-length 0.2", {"--marker-length 0.2", "twice", "ID:METRES"}},
+      {track + " --marker-length 7:0.1 --marker-length 7:0.2", {"--marker-length 7:0.2", "marker 7", "twice"}},
+      {track + " --marker-length 50:0.1", {"50 markers", "id 50"}},
+      {"track_file recording.raw --camera camera.yml --marker-length 7:0.1 --ids 3,7",
+       {"marker 3", "--marker-length 3:METRES"}},
+      {track + " --markers missing.yml", {"marker lengths missing.yml", "No such file"}},
+      {track + " --markers s.yml",
+       {"s.yml", "marker 7", "for 100 mm give 0.1"},
+       "s.yml",
+       "markers: [{ id: 7, length: 100 }]\n"},
+      {track + " --marker-length 7:0.1 --markers s.yml",
+       {"marker", "7", "s.yml"},
+       "s.yml",
+       "markers: [{ id: 7, length: 0.1 }]\n"},
       {simulate + " --marker-length 35", {"--marker-length", "for 35 mm give 0.035"}},
       {track + " --output recording.raw", {"--output recording.raw", "the recording recording.raw"}},
       {track + " --output ./camera.yml", {"--output ./camera.yml", "--camera camera.yml"}},

@@ -24,6 +24,8 @@ using namespace evmarker::opencv::test;
 using opencv::ArucoDetector;
 
 static_assert(MarkerDetector<ArucoDetector<PinholeCamera>>);
+static_assert(GuidedDetector<ArucoDetector<PinholeCamera>>);
+static_assert(EnumeratingDetector<ArucoDetector<PinholeCamera>>);
 static_assert(std::copyable<ArucoDetector<PinholeCamera>>);
 static_assert(!MarkerDetector<PinholeCamera>);
 
@@ -302,6 +304,59 @@ TEST_CASE("a marker of which only the edges were swept is never mistaken for ano
   CHECK(found_wide > 10);
 }
 
+TEST_CASE("no pose is fitted to a marker that is seen where it is tracked, but to one that is seen elsewhere") {
+  ArucoDetector detector(kCamera, {.marker_length = 0.10});
+  const Eigen::Isometry3d T = pose(0.1, -0.05, 0.6, 0.4, -0.3, 0.2);
+  PolarityFrame frame(kSize);
+  print(frame, {}, marker0(), 0.10, T);
+  const auto detected_if_tracked_at = [&](MarkerId id, double dx) {
+    PlacedMarker tracked{id, T};
+    tracked.T_camera_marker.translation().x() += dx;
+    const auto found = detector.detect(frame, {&tracked, 1});
+    REQUIRE(found.size() == 1);
+    CHECK(found[0].id == 0);
+    return found[0].T_camera_marker;
+  };
+  constexpr double kPixel = 0.6 / 533;  // at the marker's distance [m]
+  const Eigen::Isometry3d fitted = detector.detect(frame).at(0).T_camera_marker;
+  CHECK(distance_mm(fitted, T) < 2);
+  CHECK(distance_mm(detected_if_tracked_at(0, kPixel), T) == doctest::Approx(1e3 * kPixel));  // that of the tracker
+  CHECK(detected_if_tracked_at(0, 6 * kPixel).isApprox(fitted, 1e-12));
+  CHECK(detected_if_tracked_at(1, 0).isApprox(fitted, 1e-12));  // another marker is tracked there
+}
+
+TEST_CASE("markers of several lengths are each found where they are, and fitted with their own length") {
+  const Eigen::Isometry3d small = pose(-0.1, 0.02, 0.5, 0.2, -0.3, 0.1), large = pose(0.14, -0.03, 0.9, -0.3, 0.2, 0.4);
+  ArucoDetector detector(kCamera, {.marker_length = 0.05, .lengths = {{7, 0.15}}});
+  PolarityFrame frame(kSize);
+  print(frame, {}, marker0(), 0.05, small);
+  print(frame, {}, detector.bits(7), 0.15, large);
+  const auto found = detector.detect(frame);
+  REQUIRE(found.size() == 2);
+  for (const auto& [id, T] : {std::pair(0, small), std::pair(7, large)}) {
+    const MarkerDetection& detection = found[id == 0 ? 0 : 1];
+    CAPTURE(id);
+    CHECK(detection.id == id);
+    CHECK(distance_mm(detection.T_camera_marker, T) < 3);
+    CHECK(angle_deg(detection.T_camera_marker, T) < 2);
+    CHECK(detector.shows(id, T));
+    const auto searched = detector.search(id, T);
+    REQUIRE(searched);
+    CHECK(distance_mm(searched->T_camera_marker, T) < 3);
+    const double half = id == 0 ? 0.025 : 0.075;
+    const Eigen::Vector2d corner = Lens().project(detection.T_camera_marker * Eigen::Vector3d(-half, half, 0));
+    CHECK((detection.corners_px[0] - corner).norm() < 1e-6);
+    CHECK(detector.model(id).vertices[0].x() == doctest::Approx(-half));
+  }
+}
+
+TEST_CASE("a detector names the markers that it may find") {
+  CHECK(ArucoDetector(kCamera, {.ids = {7, 3}}).ids() == std::vector<MarkerId>{7, 3});
+  const auto all = ArucoDetector(kCamera, {}).ids();
+  REQUIRE(all.size() == 50);
+  for (std::size_t i = 0; i < all.size(); ++i) CHECK(all[i] == static_cast<MarkerId>(i));
+}
+
 TEST_CASE("a marker cut by the border of the image or half swept is not found, and nothing breaks") {
   ArucoDetector detector(kCamera, {.marker_length = 0.10});
   for (const double x : {-0.32, 0.32}) {
@@ -325,6 +380,8 @@ TEST_CASE("settings that make no sense are named with their value") {
   const std::string id = make({.ids = {3, 50}});
   CHECK(id.find("50 markers") != std::string::npos);
   CHECK(id.find("id 50") != std::string::npos);
+  CHECK(make({.lengths = {{50, 0.1}}}).find("id 50") != std::string::npos);
+  CHECK(make({.lengths = {{7, 0}}}) == "marker 7 length must be a positive number of metres, not 0");
   CHECK(make({.min_side_px = -1}).find("min_side_px is -1") != std::string::npos);
   CHECK(make({.min_agreement = 1.5}).find("min_agreement is 1.5") != std::string::npos);
   CHECK(make({.min_edge_support = std::nan("")}).find("min_edge_support is nan") != std::string::npos);

@@ -7,10 +7,12 @@
 #include <functional>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -32,13 +34,20 @@ namespace evmarker::opencv {
 
 /// Which markers to find, and how much of a marker a frame must show.
 struct ArucoDetectorSettings {
-  std::string dictionary = "DICT_4X4_50";  ///< OpenCV's name of a predefined dictionary
-  double marker_length = 0.10;             ///< side of the black square [m]
-  std::vector<MarkerId> ids = {};          ///< the markers to find; empty: the whole dictionary
-  double min_side_px = 15;                 ///< smaller markers are ignored
+  std::string dictionary = "DICT_4X4_50";   ///< OpenCV's name of a predefined dictionary
+  double marker_length = 0.10;              ///< side of the black square [m]
+  std::map<MarkerId, double> lengths = {};  ///< the same of those markers that are not as long as the others [m]
+  std::vector<MarkerId> ids = {};           ///< the markers to find; empty: the whole dictionary
+  double min_side_px = 15;                  ///< smaller markers are ignored
   double min_agreement = 0.9;          ///< least share of the marker's area that agrees with its code, see `read_code`
   double min_edge_support = 0.7;       ///< least share of its edges that the frame shows, see `FrameFit::support`
   double max_alternative_ratio = 2.0;  ///< largest ratio of costs at which the second planar pose is reported
+
+  /// Side of a marker's black square [m].
+  double length(MarkerId id) const {
+    const auto own = lengths.find(id);
+    return own != lengths.end() ? own->second : marker_length;
+  }
 };
 
 /// A `MarkerDetector` for the markers of OpenCV's ArUco dictionaries. Frames of last polarities are ragged and half
@@ -54,6 +63,10 @@ class ArucoDetector {
       : camera_(std::move(camera)), settings_(std::move(settings)), dictionary_(make_dictionary(settings_.dictionary)) {
     evmarker::detail::require_marker_length(settings_.marker_length);
     for (const MarkerId id : settings_.ids) bits(id);
+    for (const auto& [id, length] : settings_.lengths) {
+      bits(id);
+      evmarker::detail::require_marker_length(length, (std::to_string(id) + " length").c_str());
+    }
     const Require require("detector");
     const auto is_share = [](double value) { return value >= 0 && value <= 1; };
     require(settings_.min_side_px >= 4 && std::isfinite(settings_.min_side_px), "min_side_px", settings_.min_side_px);
@@ -66,8 +79,9 @@ class ArucoDetector {
   }
 
   /// The markers in a frame of the camera's size, each id at most once.
+  /// @param tracked markers that are tracked already: no pose is fitted to those that are seen there
   /// @throws std::invalid_argument if the frame has another size
-  std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+  std::vector<MarkerDetection> detect(const PolarityFrame& frame, std::span<const PlacedMarker> tracked = {}) {
     require_size(frame.sensor_size());
     image_ = guess_image(frame);
     t_ = frame.t();
@@ -83,22 +97,35 @@ class ArucoDetector {
     read_quads(without_whiskers);
 
     std::vector<MarkerDetection> detections;
-    for (auto& [id, readings_of_id] : readings)
-      if (const auto candidate = best_candidate(id, readings_of_id)) detections.push_back(candidate->detection);
+    for (auto& [id, readings_of_id] : readings) {
+      const auto known = std::ranges::find(tracked, id, &PlacedMarker::id);
+      if (known != tracked.end() && is_read_at(*known, readings_of_id))
+        detections.push_back(make_detection(id, known->T_camera_marker));
+      else if (const auto candidate = best_candidate(id, readings_of_id))
+        detections.push_back(candidate->detection);
+    }
     return detections;
   }
 
   /// True if the last frame given to `detect` shows most of a marker's code at a pose, and the opposite in no cell.
   bool shows(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     constexpr double kLeastAgreement = 0.75;
-    const CodeReading code = read_code(camera_, image_, bits(id), settings_.marker_length, T_camera_marker);
+    const CodeReading code = read_code(camera_, image_, bits(id), settings_.length(id), T_camera_marker);
     return code.contradicted == 0 && code.agreement >= kLeastAgreement;
   }
 
   /// Searches the last frame given to `detect` for a marker near a pose; empty if it is not seen.
   std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
-    const auto fit = fit_pose(model(id), bits(id), T_camera_marker);
+    const auto fit = fit_pose(id, model(id), T_camera_marker);
     return fit ? std::optional(make_detection(id, fit->T_camera_marker)) : std::nullopt;
+  }
+
+  /// All markers that `detect` may find.
+  std::vector<MarkerId> ids() const {
+    if (!settings_.ids.empty()) return settings_.ids;
+    std::vector<MarkerId> all(static_cast<std::size_t>(dictionary_size(dictionary_)));
+    std::iota(all.begin(), all.end(), MarkerId(0));
+    return all;
   }
 
   /// The code of a marker: the cells inside its border.
@@ -107,7 +134,7 @@ class ArucoDetector {
 
   /// The wireframe of a marker: its outline and the edges of its cells.
   /// @throws std::invalid_argument if the dictionary has no such id
-  MarkerModel model(MarkerId id) const { return make_code_marker(settings_.marker_length, bits(id)); }
+  MarkerModel model(MarkerId id) const { return make_code_marker(settings_.length(id), bits(id)); }
 
   const ArucoDetectorSettings& settings() const noexcept { return settings_; }
 
@@ -144,6 +171,20 @@ class ArucoDetector {
     return farthest < kSame_px;
   }
 
+  // True if a marker is read so near to a pose that a fit would lead to it.
+  bool is_read_at(const PlacedMarker& marker, const std::vector<CodeBook::Reading>& readings) const {
+    const Quad corners = corners_px(marker.id, marker.T_camera_marker);
+    return std::ranges::any_of(readings, [&](const auto& reading) { return nearly_equal(reading.corners, corners); });
+  }
+
+  // The corners of a marker in the distorted image, from its top left clockwise.
+  Quad corners_px(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
+    const auto square = make_square_marker(settings_.length(id)).vertices;
+    Quad corners;
+    for (std::size_t i = 0; i < 4; ++i) corners[i] = detail::project(camera_, transform(T_camera_marker, square[i]));
+    return corners;
+  }
+
   void require_size(SensorSize size) const {
     const SensorSize expected = camera_.sensor_size();
     if (size == expected) return;
@@ -160,9 +201,9 @@ class ArucoDetector {
     const MarkerModel wireframe = model(id);
     std::vector<FrameFit> fits;
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
-      if (const auto fit = fit_pose(wireframe, bits(id), T)) fits.push_back(*fit);
+      if (const auto fit = fit_pose(id, wireframe, T)) fits.push_back(*fit);
     };
-    std::ranges::for_each(solve_pnp(corners), fit_from);
+    std::ranges::for_each(solve_pnp(corners, settings_.length(id)), fit_from);
     if (fits.empty()) return std::nullopt;
     constexpr double kSamePose = 0.1;  // [rad]
     const auto differs = [&](const FrameFit& fit) {
@@ -198,17 +239,15 @@ class ArucoDetector {
     detection.id = id;
     detection.t = t_;
     detection.T_camera_marker = T_camera_marker;
-    const auto square = make_square_marker(settings_.marker_length).vertices;
-    for (std::size_t i = 0; i < 4; ++i)
-      detection.corners_px[i] = camera_.project(transform(T_camera_marker, square[i]));
+    std::ranges::copy(corners_px(id, T_camera_marker), detection.corners_px.begin());
     return detection;
   }
 
   // The two planar solutions for the corners of the marker; empty if the lens model has no line of sight for a corner.
   // OpenCV's rotation vectors are wrong near half a turn. So the problem is solved for a square whose y and z axes
   // point as the camera's, and whose first corner is the one nearest to the image's top left.
-  std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners) const {
-    const double h = settings_.marker_length / 2;
+  std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners, double length) const {
+    const double h = length / 2;
     const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
     const auto upper_left = std::ranges::min_element(corners, {}, [](Vec2 p) { return p.x + p.y; });
     const std::ptrdiff_t turns = upper_left - corners.begin();
@@ -235,17 +274,16 @@ class ArucoDetector {
   }
 
   // How far to each side of an edge its step is searched [px]: less than the distance to the next edge of the code.
-  double reach_px(const Eigen::Isometry3d& T) const {
-    const double marker_px = camera_.focal_length() * settings_.marker_length / translation(T).z;
+  double reach_px(MarkerId id, const Eigen::Isometry3d& T) const {
+    const double marker_px = camera_.focal_length() * settings_.length(id) / translation(T).z;
     return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
   }
 
   // Fits a pose to the frame, starting from T. Empty if the frame does not show enough of the marker's edges and code.
-  std::optional<FrameFit> fit_pose(const MarkerModel& wireframe, const CodeBits& code,
-                                   const Eigen::Isometry3d& T) const {
-    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(T));
+  std::optional<FrameFit> fit_pose(MarkerId id, const MarkerModel& wireframe, const Eigen::Isometry3d& T) const {
+    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(id, T));
     if (!fit || fit->support < settings_.min_edge_support) return std::nullopt;
-    if (read_code(camera_, image_, code, settings_.marker_length, fit->T_camera_marker).agreement <
+    if (read_code(camera_, image_, bits(id), settings_.length(id), fit->T_camera_marker).agreement <
         settings_.min_agreement)
       return std::nullopt;
     return fit;
