@@ -32,10 +32,10 @@ namespace evmarker::opencv {
 
 /// Which markers to find, and how much of a marker a frame must show.
 struct ArucoDetectorSettings {
-  std::string dictionary = "DICT_4X4_50";  ///< OpenCV's name of a predefined dictionary
-  double marker_length = 0.10;             ///< side of the black square [m]
-  std::vector<MarkerId> ids = {};          ///< the markers to find; empty: the whole dictionary
-  double min_side_px = 15;                 ///< smaller markers are ignored
+  std::string dictionary{kDefaultDictionary};  ///< OpenCV's name of a predefined dictionary
+  double marker_length = 0.10;                 ///< side of the black square [m]
+  std::vector<MarkerId> ids = {};              ///< the markers to find; empty: the whole dictionary
+  double min_side_px = 15;                     ///< smaller markers are ignored
   double min_agreement = 0.9;          ///< least share of the marker's area that agrees with its code, see `read_code`
   double min_edge_support = 0.7;       ///< least share of its edges that the frame shows, see `FrameFit::support`
   double max_alternative_ratio = 2.0;  ///< largest ratio of costs at which the second planar pose is reported

@@ -69,6 +69,9 @@ inline constexpr auto kDictionaries = std::to_array<std::pair<std::string_view, 
     {"DICT_APRILTAG_36h11", cv::aruco::DICT_APRILTAG_36h11},
 });
 
+/// The dictionary where none is named.
+inline constexpr std::string_view kDefaultDictionary = "DICT_4X4_50";
+
 /// A predefined dictionary by OpenCV's name, e.g. "DICT_4X4_50".
 /// @throws std::invalid_argument naming the unknown name and all known ones
 inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
