@@ -15,7 +15,7 @@
 #include "distinct_files.hpp"
 
 struct TrackOptions {
-  std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output;
+  std::string recording, camera, dictionary, update = "kalman", output;
   double marker_length = 0;
   std::vector<std::string> boards;
   std::vector<int> ids;
@@ -29,10 +29,10 @@ struct TrackOptions {
         ->required();
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
-        ->capture_default_str();
+        ->default_str("that of --board, or " + std::string(evmarker::opencv::kDefaultDictionary));
     app.add_option("--marker-length", marker_length, "side of the black square [m]; not needed to track boards alone")
         ->check(console::marker_length());
-    app.add_option("--board", boards, "board of markers to track as one, a YAML file; may be given again");
+    app.add_option("--board", boards, "boards of markers to track as one each, a YAML file; may be given again");
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update,
                    "update rule: kalman, decoupled (the paper's, tuned) or paper (with its own numbers)")
@@ -75,10 +75,9 @@ struct TrackOptions {
 
   /// Finds the boards, and single markers if their length is given.
   auto detector(const evmarker::PinholeCamera& of_camera) const {
-    std::vector<evmarker::Board> loaded;
-    for (const std::string& path : boards) loaded.push_back(evmarker::opencv::load_board(path, dictionary));
+    const evmarker::opencv::BoardFile loaded = load_boards();
     return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, aruco_settings(loaded)),
-                                   loaded);
+                                   loaded.boards);
   }
 
   /// Where the poses are written, if they are.
@@ -88,14 +87,29 @@ struct TrackOptions {
   }
 
  private:
-  evmarker::opencv::ArucoDetectorSettings aruco_settings(const std::vector<evmarker::Board>& loaded) const {
-    if (marker_length == 0 && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
+  // The boards of all files, and the dictionary of all markers.
+  evmarker::opencv::BoardFile load_boards() const {
+    evmarker::opencv::BoardFile all{{}, dictionary};
+    for (const std::string& path : boards) {
+      evmarker::opencv::BoardFile file = evmarker::opencv::load_boards(path, dictionary);
+      if (all.boards.empty()) all.dictionary = file.dictionary;
+      if (file.dictionary != all.dictionary)
+        throw std::invalid_argument("--board " + path + ": its markers are from " + file.dictionary + ", those of " +
+                                    boards.front() + " from " + all.dictionary + ": one program finds one dictionary");
+      all.boards.insert(all.boards.end(), file.boards.begin(), file.boards.end());
+    }
+    if (all.dictionary.empty()) all.dictionary = evmarker::opencv::kDefaultDictionary;
+    return all;
+  }
+
+  evmarker::opencv::ArucoDetectorSettings aruco_settings(const evmarker::opencv::BoardFile& loaded) const {
+    if (marker_length == 0 && boards.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
     if (marker_length == 0 && !ids.empty())
       throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");
-    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = dictionary, .ids = ids};
-    settings.marker_length = marker_length > 0 ? marker_length : loaded[0].markers[0].length;
+    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = loaded.dictionary, .ids = ids};
+    settings.marker_length = marker_length > 0 ? marker_length : loaded.boards[0].markers[0].length;
     if (marker_length > 0 && ids.empty()) return settings;
-    for (const evmarker::Board& board : loaded)
+    for (const evmarker::Board& board : loaded.boards)
       for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
     return settings;
   }

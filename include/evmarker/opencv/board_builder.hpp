@@ -22,6 +22,11 @@ struct BoardFile {
   std::string dictionary;
 };
 
+/// An id for a board that has none of its own: the first hundred above the ids of its markers' dictionary.
+inline MarkerId free_board_id(const cv::aruco::Dictionary& dictionary) {
+  return (dictionary_size(dictionary) + 99) / 100 * 100;
+}
+
 namespace detail {
 
 // The dictionary of a file's markers: the one that is asked for, or where none is, the one that the file names, or the
@@ -64,8 +69,7 @@ inline double read_length(const SettingsFile& file, const cv::FileNode& node, co
   return length;
 }
 
-// Makes the boards of a file. A board without an id of its own gets one that no marker has: the first hundred above the
-// ids of the dictionary, the next boards of the file the numbers behind it.
+// Makes the boards of a file. Boards without ids of their own get `free_board_id` and the numbers behind it.
 class BoardBuilder {
  public:
   BoardBuilder(const SettingsFile& file, std::string dictionary)
@@ -76,8 +80,7 @@ class BoardBuilder {
   // Begins a board; `node` is the map that may have its id in the field `board`.
   void begin(const cv::FileNode& node, const std::string& place = "") {
     const cv::FileNode id = node["board"];
-    const int hundreds = (dictionary_size(codes_) + 99) / 100;
-    const int free = 100 * hundreds + static_cast<int>(result_.boards.size());
+    const MarkerId free = free_board_id(codes_) + static_cast<MarkerId>(result_.boards.size());
     result_.boards.push_back({.id = id.empty() ? free : file_.whole_number(id, place + "board"), .markers = {}});
   }
 
