@@ -112,7 +112,7 @@ inline std::vector<Page> lay_out(const std::vector<CaptionedFace>& faces, std::s
   for (const PaperSize& other : kPaperSizes)
     if (other.name != paper && !fill_sheets(faces, other).empty())
       advice = "--paper " + std::string(other.name) + " is large enough";
-  const auto show = [](double mm) { return std::to_string(static_cast<int>(std::ceil(mm))); };
+  const auto show = [](double mm) { return std::to_string(static_cast<int>(std::ceil(mm - 1e-6))); };
   throw std::invalid_argument("--paper " + std::string(paper) + ": has room for " +
                               show(size->width - 2 * kPageMargin) + " x " +
                               show(size->height - 2 * kPageMargin - kFooter) + " mm, but " + show(width) + " x " +

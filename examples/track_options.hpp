@@ -92,10 +92,14 @@ struct TrackOptions {
     evmarker::opencv::BoardFile all{{}, dictionary};
     for (const std::string& path : boards) {
       evmarker::opencv::BoardFile file = evmarker::opencv::load_boards(path, dictionary);
-      if (all.boards.empty()) all.dictionary = file.dictionary;
+      if (all.boards.empty()) all = {{}, file.dictionary, file.border_cells};
       if (file.dictionary != all.dictionary)
         throw std::invalid_argument("--board " + path + ": its markers are from " + file.dictionary + ", those of " +
-                                    boards.front() + " from " + all.dictionary + ": one program finds one dictionary");
+                                    boards.front() + " from " + all.dictionary + ": they are not found together");
+      if (file.border_cells != all.border_cells)
+        throw std::invalid_argument("--board " + path + ": the border of its markers is " +
+                                    std::to_string(file.border_cells) + " cells wide, that of " + boards.front() + " " +
+                                    std::to_string(all.border_cells) + ": they are not found together");
       all.boards.insert(all.boards.end(), file.boards.begin(), file.boards.end());
     }
     if (all.dictionary.empty()) all.dictionary = evmarker::opencv::kDefaultDictionary;
@@ -106,7 +110,8 @@ struct TrackOptions {
     if (marker_length == 0 && boards.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
     if (marker_length == 0 && !ids.empty())
       throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");
-    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = loaded.dictionary, .ids = ids};
+    evmarker::opencv::ArucoDetectorSettings settings{
+        .dictionary = loaded.dictionary, .border_cells = loaded.border_cells, .ids = ids};
     settings.marker_length = marker_length > 0 ? marker_length : loaded.boards[0].markers[0].length;
     if (marker_length > 0 && ids.empty()) return settings;
     for (const evmarker::Board& board : loaded.boards)

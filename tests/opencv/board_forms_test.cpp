@@ -12,7 +12,12 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/detection/board_detector.hpp"
+#include "evmarker/events/polarity_frame.hpp"
+#include "evmarker/opencv/aruco_detector.hpp"
 #include "evmarker/opencv/board.hpp"
+#include "evmarker/simulation/simulator.hpp"
+#include "opencv/pose_distance.hpp"
 #include "settings_text.hpp"
 
 #if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
@@ -102,17 +107,19 @@ std::array<Vector3d, 4> corners_of(const BoardMarker& marker) {
   return {T * Vector3d(-h, h, 0), T * Vector3d(h, h, 0), T * Vector3d(h, -h, 0), T * Vector3d(-h, -h, 0)};
 }
 
-// The cells of a 6 x 6 code as somebody reads them who sees the marker with `right` and `down` in the board's frame.
+// The 6 x 6 cells in the middle of a marker as somebody reads them who sees it with `right` and `down` in the board's
+// frame.
 std::uint64_t code_seen(const BoardMarker& marker, const Vector3d& right, const Vector3d& down) {
   std::uint64_t code = 0;
-  const double cell = marker.length / 8;
+  const auto rows = static_cast<double>(marker.bits.rows());
+  const double cell = marker.length / (rows + 2), middle = 0.5 * (rows - 1);
   for (int row = 0; row < 6; ++row)
     for (int column = 0; column < 6; ++column) {
       const Vector3d place = marker.T_board_marker.translation() + cell * ((column - 2.5) * right + (row - 2.5) * down);
       const Vector3d at = marker.T_board_marker.inverse() * place / cell;
       CHECK(std::abs(at.z()) < 1e-9);
       const int bit =
-          marker.bits(static_cast<int>(std::lround(2.5 - at.y())), static_cast<int>(std::lround(at.x() + 2.5)));
+          marker.bits(static_cast<int>(std::lround(middle - at.y())), static_cast<int>(std::lround(at.x() + middle)));
       code = code << 1 | static_cast<std::uint64_t>(bit);
     }
   return code;
@@ -176,6 +183,16 @@ TEST_CASE("an aprilgrid of Kalibr's is read: from the bottom left tag on, uprigh
   for (std::size_t i = 0; i < 3; ++i)
     CHECK(code_seen(board.markers[i], Vector3d::UnitX(), -Vector3d::UnitY()) == codes[i]);
   CHECK(opencv::load_board(write("form.yml", "board: 7\n" + kAprilgrid), "DICT_APRILTAG_36h11").id == 7);
+
+  // Kalibr prints a border of two cells, other programs one.
+  CHECK(file.border_cells == 2);
+  CHECK(board.markers[0].bits.rows() == 8);
+  CHECK(board.markers[0].bits.row(0).isZero());
+  const opencv::BoardFile usual = load(kAprilgrid + "border: 1\n");
+  CHECK(usual.border_cells == 1);
+  REQUIRE(usual.boards[0].markers[0].bits.rows() == 6);
+  CHECK(code_seen(usual.boards[0].markers[0], Vector3d::UnitX(), -Vector3d::UnitY()) == codes[0]);
+  CHECK(board.markers[0].bits.block(1, 1, 6, 6) == usual.boards[0].markers[0].bits);
 }
 
 TEST_CASE("a real aprilgrid, measured by its events, has its tags where Kalibr's form says") {
@@ -195,6 +212,46 @@ TEST_CASE("a real aprilgrid, measured by its events, has its tags where Kalibr's
   }
 }
 
+TEST_CASE("an aprilgrid as Kalibr prints it, with black squares between the tags, is found where it is") {
+  const Board board =
+      load("target_type: aprilgrid\ntagCols: 3\ntagRows: 2\ntagSize: 0.06\ntagSpacing: 0.3\n").boards[0];
+  const PinholeCamera camera{{640, 480}, 533, 533, 319.5, 239.5};
+  const auto hand = trajectory::handheld({.T_centre = facing_pose({0, 0, 0.5}), .frequency_hz = 2});
+  const Trajectory T_camera_board = [&](double t) { return hand(t) * Eigen::Translation3d(-0.108, -0.069, 0); };
+  std::vector<SimulatedMarker> scene;
+  for (int column = 0; column <= 3; ++column)  // the squares are as wide as the spaces
+    for (int row = 0; row <= 2; ++row) {
+      const Eigen::Translation3d middle(0.078 * column - 0.009, 0.078 * row - 0.009, 0);
+      scene.push_back({.id = 1000 + 10 * column + row,
+                       .length = 0.018,
+                       .bits = CodeBits::Zero(1, 1),
+                       .T_camera_marker = [&, middle](double t) { return T_camera_board(t) * middle; },
+                       .quiet_zone_cells = 0});
+    }
+  for (const SimulatedMarker& tag : simulated_markers(board, T_camera_board)) scene.push_back(tag);
+  BoardDetector detector(
+      camera,
+      opencv::ArucoDetector(camera, {.dictionary = "DICT_APRILTAG_36h11", .marker_length = 0.06, .border_cells = 2}),
+      {board});
+  Simulator events(camera, scene, {.duration_s = 0.2});
+  PolarityFrame frame(camera.sensor_size());
+  int found = 0;
+  Timestamp next_frame = 40000;
+  for_each_event(events, [&](const Event& event) {
+    if (event.t >= next_frame) {
+      next_frame += 40000;
+      for (const MarkerDetection& detection : detector.detect(frame)) {
+        CHECK(detection.id == 600);
+        CHECK(distance_mm(detection.T_camera_marker, T_camera_board(1e-6 * static_cast<double>(detection.t))) < 6);
+        CHECK(angle_deg(detection.T_camera_marker, T_camera_board(1e-6 * static_cast<double>(detection.t))) < 2);
+        ++found;
+      }
+    }
+    frame.update(event);
+  });
+  CHECK(found >= 3);  // of 4
+}
+
 TEST_CASE("a target of Kalibr's that is no aprilgrid, or wrong, is refused") {
   CHECK(refusal(replaced(kAprilgrid, "'aprilgrid'", "'checkerboard'"))
             .starts_with("board FILE: target_type is \"checkerboard\", not \"aprilgrid\""));
@@ -206,6 +263,8 @@ TEST_CASE("a target of Kalibr's that is no aprilgrid, or wrong, is refused") {
   CHECK(refusal(replaced(kAprilgrid, "0.088", "88")) ==
         "board FILE: tagSize is 88, taken as metres, which must be up to 10; for 88 mm write 0.088");
   CHECK(refusal(replaced(kAprilgrid, "0.25", "0")).starts_with("board FILE: tagSpacing is 0, not a ratio"));
+  CHECK(refusal(kAprilgrid + "border: 3\n") == "board FILE: border is 3, not 1 or 2 cells");
+  CHECK(refusal(kAprilgrid + "border: 0\n") == "board FILE: border is 0, not a positive whole number");
   CHECK(refusal(kAprilgrid, "DICT_4X4_50") ==
         "board FILE: dictionary is DICT_APRILTAG_36h11 there, but DICT_4X4_50 is asked for");
 }
@@ -296,6 +355,7 @@ TEST_CASE("a CharucoBoard of OpenCV's is read, also in the pattern of old versio
   }
   CHECK(load(kCharuco).dictionary == "DICT_6X6_250");
   CHECK(load(kCharuco).boards[0].id == 300);
+  CHECK(load(kCharuco).border_cells == 1);
 }
 
 TEST_CASE("boards of OpenCV's that are none are refused") {

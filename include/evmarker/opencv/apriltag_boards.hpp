@@ -14,7 +14,8 @@
 namespace evmarker::opencv::detail {
 
 // Kalibr: rows of tags from the bottom to the top, from left to right. The board's origin is the bottom left corner of
-// tag 0; x right, y up, z out of the board (Kalibr's GridCalibrationTargetAprilgrid).
+// tag 0; x right, y up, z out of the board (Kalibr's GridCalibrationTargetAprilgrid). Kalibr prints, and finds, tags
+// with a border of two cells. The black squares that it prints between them are no edges of the board.
 inline BoardFile read_aprilgrid(const SettingsFile& file, std::string_view asked) {
   if (const std::string type = file.text("target_type"); type != "aprilgrid")
     file.fail("target_type is \"" + type + "\", not \"aprilgrid\": no other target of Kalibr's has markers");
@@ -26,7 +27,7 @@ inline BoardFile read_aprilgrid(const SettingsFile& file, std::string_view asked
               ", not a ratio of the space between tags to tagSize above 0, up to 10");
 
   const AprilTagFamily& family = kAprilTagFamilies.back();  // the only one that Kalibr reads
-  BoardBuilder builder(file, choose_dictionary(file, asked, std::string(family.dictionary), family.dictionary));
+  BoardBuilder builder(file, choose_dictionary(file, asked, std::string(family.dictionary), family.dictionary), 2);
   builder.require_enough(std::int64_t{columns} * rows, "tagCols x tagRows");
   builder.begin(file.root());
   const Eigen::Matrix3d R_tag_marker = T_tag_marker(family).linear();

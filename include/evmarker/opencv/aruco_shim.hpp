@@ -101,4 +101,16 @@ inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id, std
   return code;
 }
 
+/// The widest border of markers that is supported [cells].
+inline constexpr int kMostBorderCells = 2;
+
+/// The code of a marker whose border is wider than one cell, for what takes it to be one cell wide: with the rest of
+/// its border around it.
+inline CodeBits with_border(const CodeBits& code, int border_cells) {
+  const Eigen::Index rest = border_cells - 1;
+  CodeBits all = CodeBits::Zero(code.rows() + 2 * rest, code.cols() + 2 * rest);
+  all.block(rest, rest, code.rows(), code.cols()) = code;
+  return all;
+}
+
 }  // namespace evmarker::opencv

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board.hpp"
@@ -40,24 +41,24 @@ inline BoardFile read_placed_markers(const SettingsFile& file, std::string_view 
 
 }  // namespace detail
 
-/// Reads the boards of a file in one of these forms, which is recognised by its fields; all lengths are in metres:
-/// - `board`, its id, and `markers`, a list of maps `id`, `length`, `rotation` (vector along the axis, as long as the
-///   angle [rad]) and `translation` of T_board_marker;
-/// - Kalibr's aprilgrid: `target_type`, `tagCols`, `tagRows`, `tagSize`, `tagSpacing`. Tags as other programs print
-/// them,
-///   with a border of one cell: Kalibr's own prints have two, and black squares between the tags, and are not found;
-/// - OpenCV's GridBoard: `markersX`, `markersY`, `markerLength`, `markerSeparation`, and CharucoBoard: `squaresX`,
-///   `squaresY`, `squareLength`, `markerLength`, `legacyPattern`; both with `ids` or `firstMarker` (or all names with
-///   underscores, as `markers_x`). The board's frame is as in OpenCV from 4.6 on: y down, z into the board;
-/// - `tag_bundles` of apriltag_ros: a board for each;
-/// - a list of maps `first_id`, `markers_x`, `markers_y`, `marker_size`, `separation`, `frame_at_center`, as
-/// aruco_opencv
-///   (ROS) has them: a board for each, with the frame of OpenCV's GridBoard.
-/// The field `dictionary` (DICT_4X4_50, 4X4_50 or OpenCV's number) names the dictionary of the markers; where it is
-/// missing, DICT_4X4_50 is taken, of AprilTags DICT_APRILTAG_36h11. Boards without the field `board` get as id the
-/// first hundred above all ids of the dictionary, in a file of several the numbers from there on.
-/// @param dictionary OpenCV's name of the predefined dictionary that the markers are from; empty: see above
-/// @throws std::runtime_error naming file, field and value, also of a dictionary other than `dictionary`
+/// Reads the boards of a file. Its form is recognised by its fields; all lengths are in metres:
+/// - ours: `board`, the id, and `markers`, a list of maps `id`, `length`, `rotation` (vector along the axis, as long as
+///   the angle [rad]) and `translation` of T_board_marker;
+/// - Kalibr: `target_type` aprilgrid, `tagCols`, `tagRows`, `tagSize`, `tagSpacing`; the tags with a border of two
+///   cells, as Kalibr prints them, or with `border: 1`, as others do;
+/// - OpenCV's GridBoard: `markersX`, `markersY`, `markerLength`, `markerSeparation`; CharucoBoard: `squaresX`,
+///   `squaresY`, `squareLength`, `markerLength`, `legacyPattern`; both with `ids` or `firstMarker`. All names may be
+///   written with underscores, as `markers_x`. The frame is OpenCV's from version 4.6 on: y down, z into the board;
+/// - apriltag_ros: `tag_bundles`, a board for each. `tag_family` may stand beside it;
+/// - aruco_opencv (ROS): a list of maps `first_id`, `markers_x`, `markers_y`, `marker_size`, `separation` and
+///   `frame_at_center`, a board for each, with OpenCV's axes.
+///
+/// In all forms `dictionary` (DICT_4X4_50, 4X4_50 or OpenCV's number) names the dictionary of the markers, DICT_4X4_50
+/// by default, DICT_APRILTAG_36h11 for AprilTags; `border` is the width of their black border [cells], 1 or 2; `board`
+/// is the board's id, by default the first hundred above all ids of the dictionary, and the numbers behind it for
+/// further boards of the file.
+/// @param dictionary OpenCV's name of the dictionary that the markers must be from; empty: whichever the file means
+/// @throws std::runtime_error naming file, field and value, also of another dictionary
 /// @throws std::invalid_argument naming an unknown `dictionary`
 inline BoardFile load_boards(const std::string& path, std::string_view dictionary = "") {
   const detail::SettingsFile file("board", path, "boards");

@@ -16,10 +16,11 @@
 
 namespace evmarker::opencv {
 
-/// The boards of a file, and OpenCV's name of the dictionary that their markers are from.
+/// The boards of a file, and what a detector of their markers must be told.
 struct BoardFile {
   std::vector<Board> boards;
-  std::string dictionary;
+  std::string dictionary;  ///< OpenCV's name
+  int border_cells = 1;    ///< width of the markers' black border
 };
 
 /// An id for a board that has none of its own: the first hundred above the ids of its markers' dictionary.
@@ -72,8 +73,14 @@ inline double read_length(const SettingsFile& file, const cv::FileNode& node, co
 // Makes the boards of a file. Boards without ids of their own get `free_board_id` and the numbers behind it.
 class BoardBuilder {
  public:
-  BoardBuilder(const SettingsFile& file, std::string dictionary)
-      : file_(file), result_{{}, std::move(dictionary)}, codes_(make_dictionary(result_.dictionary)) {}
+  // `border_cells` is the width of the markers' border where the field `border` does not name it.
+  BoardBuilder(const SettingsFile& file, std::string dictionary, int border_cells = 1)
+      : file_(file), result_{{}, std::move(dictionary), border_cells}, codes_(make_dictionary(result_.dictionary)) {
+    if (!file.has("border")) return;
+    result_.border_cells = file.positive_integer("border");
+    if (result_.border_cells > kMostBorderCells)
+      file.fail("border is " + std::to_string(result_.border_cells) + ", not 1 or 2 cells");
+  }
 
   const std::string& dictionary() const { return result_.dictionary; }
 
@@ -87,8 +94,8 @@ class BoardBuilder {
   // Adds a marker to the last board.
   void add(const std::string& place, MarkerId id, double length, const Eigen::Isometry3d& T_board_marker) {
     try {
-      result_.boards.back().markers.push_back(
-          {id, length, marker_bits(codes_, id, result_.dictionary), T_board_marker});
+      const CodeBits code = with_border(marker_bits(codes_, id, result_.dictionary), result_.border_cells);
+      result_.boards.back().markers.push_back({id, length, code, T_board_marker});
     } catch (const std::invalid_argument& error) {
       file_.fail(place + ": " + error.what());
     }
