@@ -848,7 +848,7 @@ TEST_CASE("examples: print_board says in one line what is wrong, and leaves noth
       {"print_board b.yml", {"--output", "required"}},
       {"print_board missing.yml --output o.svg", {"missing.yml", "No such file"}},
       {"print_board b.yml --output o.svg --ids 3", {"file", "--ids"}},
-      {"print_board b.yml --output o.svg --dictionary DICT_4X4_50", {"b.yml", "DICT_APRILTAG_36h11", "DICT_4X4_50"}},
+      {"print_board b.yml --output o.svg --dictionary DICT_4X4_50", {"b.yml", "DICT_4X4_50", "AprilTags"}},
       {grid + " --spacing 0.001", {"--spacing", "0.001 m", "cell"}},
       {grid + " --first-id 40", {"marker id 50", "DICT_4X4_50"}},
       {grid + " --board o.svg", {"--board o.svg", "--output o.svg"}},

@@ -197,6 +197,11 @@ inline std::vector<std::string> settings_seeds() {
       "{\"image_width\": 64, \"image_height\": 48, \"fisheye\": true}\n",
       "board: 7\nmarkers:\n  - { id: 0, length: 0.1, rotation: [0, 0, 0], translation: [0, 0, 0] }\n  - { id: 1, "
       "length: 0.1, rotation: [0, 0, 1.5], translation: [0.2, 0, 0] }\n",
+      "wireframe: 3\nvertices:\n  - [0, 0, 0]\n  - [0.1, 0, 0]\n  - [0, 0.1, 0]\nedges:\n  - { from: 0, to: 1, "
+      "dark_side: [0, 1, 0] }\n  - { from: 1, to: 2, face_normal: [0, 0, 1] }\nstart:\n  rotation: [3, 0, 0]\n  "
+      "translation: [0, 0, 0.5]\n",
+      "<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>64</image_width>\n<image_height>48</image_height>\n"
+      "</opencv_storage>\n",
       "target_type: 'aprilgrid' # a\ntagCols: 3\ntagRows: 2\ntagSize: 0.088\ntagSpacing: 0.3\n",
       "markersX: 2\nmarkersY: 2\nmarkerLength: 0.04\nmarkerSeparation: 0.01\nfirstMarker: 3\ndictionary: 0\n",
       "squares_x: 3\nsquares_y: 4\nsquare_length: 0.04\nmarker_length: 0.03\nlegacy_pattern: true\ndictionary: "
@@ -206,12 +211,7 @@ inline std::vector<std::string> settings_seeds() {
       "z: 0, qw: 1, qx: 0, qy: 0, qz: 0},\n        ]\n    },\n  ]\n",
       "- name: '1'\n  first_id: 0\n  markers_x: 2\n  markers_y: 1\n  marker_size: 0.07\n  separation: 0.02\n  "
       "frame_at_center: true\n- name: b\n  first_id: 2\n  markers_x: 1\n  markers_y: 1\n  marker_size: 0.07\n  "
-      "separation: 0.02\n  frame_at_center: false\n",
-      "wireframe: 3\nvertices:\n  - [0, 0, 0]\n  - [0.1, 0, 0]\n  - [0, 0.1, 0]\nedges:\n  - { from: 0, to: 1, "
-      "dark_side: [0, 1, 0] }\n  - { from: 1, to: 2, face_normal: [0, 0, 1] }\nstart:\n  rotation: [3, 0, 0]\n  "
-      "translation: [0, 0, 0.5]\n",
-      "<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>64</image_width>\n<image_height>48</image_height>\n"
-      "</opencv_storage>\n"};
+      "separation: 0.02\n  frame_at_center: false\n"};
 }
 
 struct ReadText {

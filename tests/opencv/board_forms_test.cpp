@@ -184,6 +184,8 @@ TEST_CASE("an aprilgrid of Kalibr's is read: from the bottom left tag on, uprigh
     CHECK(code_seen(board.markers[i], Vector3d::UnitX(), -Vector3d::UnitY()) == codes[i]);
   CHECK(opencv::load_board(write("form.yml", "board: 7\n" + kAprilgrid), "DICT_APRILTAG_36h11").id == 7);
 
+  CHECK(load(kAprilgrid + "tag_family: tag25h9\n").dictionary == "DICT_APRILTAG_25h9");
+
   // Kalibr prints a border of two cells, other programs one.
   CHECK(file.border_cells == 2);
   CHECK(board.markers[0].bits.rows() == 8);
@@ -266,7 +268,9 @@ TEST_CASE("a target of Kalibr's that is no aprilgrid, or wrong, is refused") {
   CHECK(refusal(kAprilgrid + "border: 3\n") == "board FILE: border is 3, not 1 or 2 cells");
   CHECK(refusal(kAprilgrid + "border: 0\n") == "board FILE: border is 0, not a positive whole number");
   CHECK(refusal(kAprilgrid, "DICT_4X4_50") ==
-        "board FILE: dictionary is DICT_APRILTAG_36h11 there, but DICT_4X4_50 is asked for");
+        "board FILE: dictionary is DICT_4X4_50, but the tags are AprilTags: it must be one of DICT_APRILTAG_...");
+  CHECK(refusal(kAprilgrid + "dictionary: DICT_APRILTAG_25h9\n", "DICT_APRILTAG_36h11") ==
+        "board FILE: dictionary is DICT_APRILTAG_25h9 there, but DICT_APRILTAG_36h11 is asked for");
 }
 
 TEST_CASE("the tag bundles of apriltag_ros are read, each as a board") {
@@ -309,7 +313,7 @@ TEST_CASE("bundles that are none are refused") {
   CHECK(refusal(replaced(kBundles, "qw: 0.7071", "qw: 0.1")) ==
         "board FILE: tag_bundles[0] layout[1]: the quaternion (qw, qx, qy, qz) has length 0.714136, not 1");
   CHECK(refusal(kBundles, "DICT_4X4_50") ==
-        "board FILE: tag_bundles are of AprilTags, but the dictionary is DICT_4X4_50, not DICT_APRILTAG_...");
+        "board FILE: dictionary is DICT_4X4_50, but the tags are AprilTags: it must be one of DICT_APRILTAG_...");
   CHECK(refusal(kBundles + "tag_family: tagCircle21h7\n") ==
         "board FILE: tag_family is \"tagCircle21h7\", which OpenCV does not have");
   CHECK(refusal(kBundles + "tag_family: tag16h5\n", "DICT_APRILTAG_36h11") ==

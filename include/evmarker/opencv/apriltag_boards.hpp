@@ -1,6 +1,7 @@
 #pragma once
 // Boards of AprilTags: Kalibr's aprilgrid and the tag bundles of apriltag_ros.
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/core.hpp>
@@ -12,6 +13,23 @@
 #include "evmarker/opencv/settings_file.hpp"
 
 namespace evmarker::opencv::detail {
+
+// The family of a file's tags: of the dictionary that is asked for, or that the file names by `dictionary` or, as
+// AprilTag does, by `tag_family`; tag36h11 where nothing does.
+inline const AprilTagFamily& choose_family(const SettingsFile& file, std::string_view asked) {
+  std::string named = named_dictionary(file);
+  if (file.has("tag_family")) {
+    const std::string family = file.text("tag_family");
+    const auto known = std::ranges::find(kAprilTagFamilies, family, &AprilTagFamily::family);
+    if (known == kAprilTagFamilies.end()) file.fail("tag_family is \"" + family + "\", which OpenCV does not have");
+    named = known->dictionary;
+  }
+  const std::string chosen = choose_dictionary(file, asked, named, kAprilTagFamilies.back().dictionary);
+  const auto family = std::ranges::find(kAprilTagFamilies, chosen, &AprilTagFamily::dictionary);
+  if (family == kAprilTagFamilies.end())
+    file.fail("dictionary is " + chosen + ", but the tags are AprilTags: it must be one of DICT_APRILTAG_...");
+  return *family;
+}
 
 // Kalibr: rows of tags from the bottom to the top, from left to right. The board's origin is the bottom left corner of
 // tag 0; x right, y up, z out of the board (Kalibr's GridCalibrationTargetAprilgrid). Kalibr prints, and finds, tags
@@ -26,8 +44,8 @@ inline BoardFile read_aprilgrid(const SettingsFile& file, std::string_view asked
     file.fail("tagSpacing is " + SettingsFile::show(spacing) +
               ", not a ratio of the space between tags to tagSize above 0, up to 10");
 
-  const AprilTagFamily& family = kAprilTagFamilies.back();  // the only one that Kalibr reads
-  BoardBuilder builder(file, choose_dictionary(file, asked, std::string(family.dictionary), family.dictionary), 2);
+  const AprilTagFamily& family = choose_family(file, asked);
+  BoardBuilder builder(file, std::string(family.dictionary), 2);
   builder.require_enough(std::int64_t{columns} * rows, "tagCols x tagRows");
   builder.begin(file.root());
   const Eigen::Matrix3d R_tag_marker = T_tag_marker(family).linear();
@@ -36,21 +54,6 @@ inline BoardFile read_aprilgrid(const SettingsFile& file, std::string_view asked
     builder.add("tag " + std::to_string(id), id, size,
                 pose_at({id % columns * pitch + size / 2, id / columns * pitch + size / 2, 0}, R_tag_marker));
   return builder.finish();
-}
-
-// The dictionary of a file of tag bundles: it may hold apriltag_ros' parameter `tag_family`, whose default is tag36h11.
-inline std::string bundle_dictionary(const SettingsFile& file, std::string_view asked) {
-  std::string named = named_dictionary(file);
-  if (file.has("tag_family")) {
-    const std::string family = file.text("tag_family");
-    for (const AprilTagFamily& known : kAprilTagFamilies)
-      if (known.family == family) named = known.dictionary;
-    if (named.empty()) file.fail("tag_family is \"" + family + "\", which OpenCV does not have");
-  }
-  const std::string chosen = choose_dictionary(file, asked, named, kAprilTagFamilies.back().dictionary);
-  if (find_family(chosen) == nullptr)
-    file.fail("tag_bundles are of AprilTags, but the dictionary is " + chosen + ", not DICT_APRILTAG_...");
-  return chosen;
 }
 
 // T_bundle_tag of an element of a bundle's layout; what is not there is 0, qw 1.
@@ -68,8 +71,9 @@ inline Eigen::Isometry3d read_tag_pose(const SettingsFile& file, const cv::FileN
 inline BoardFile read_tag_bundles(const SettingsFile& file, std::string_view asked) {
   const cv::FileNode bundles = file.required("tag_bundles");
   if (!bundles.isSeq() || bundles.size() == 0) file.fail("tag_bundles is not a list of bundles");
-  BoardBuilder builder(file, bundle_dictionary(file, asked));
-  const Eigen::Isometry3d turn = T_tag_marker(*find_family(builder.dictionary()));
+  const AprilTagFamily& family = choose_family(file, asked);
+  BoardBuilder builder(file, std::string(family.dictionary));
+  const Eigen::Isometry3d turn = T_tag_marker(family);
   int number = 0;
   for (const cv::FileNode& bundle : bundles) {
     const std::string place = "tag_bundles[" + std::to_string(number++) + "]";

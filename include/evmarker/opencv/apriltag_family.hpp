@@ -1,7 +1,6 @@
 #pragma once
 // The AprilTag families among OpenCV's dictionaries, and which way up their authors print the tags.
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <numbers>
@@ -25,12 +24,6 @@ inline constexpr auto kAprilTagFamilies = std::to_array<AprilTagFamily>({
     {"DICT_APRILTAG_36h10", "tag36h10", 0x1ca92a687},
     {"DICT_APRILTAG_36h11", "tag36h11", 0xd5d628584},
 });
-
-// The family of a dictionary; a null pointer for one that is not AprilTag's.
-inline const AprilTagFamily* find_family(std::string_view dictionary) {
-  const auto family = std::ranges::find(kAprilTagFamilies, dictionary, &AprilTagFamily::dictionary);
-  return family == kAprilTagFamilies.end() ? nullptr : &*family;
-}
 
 // From the axes of OpenCV's marker to those of the tag as AprilTag prints it (x right, y up, z out of the tag). Up to
 // version 4, OpenCV has all tags upside down.

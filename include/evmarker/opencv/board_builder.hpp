@@ -82,8 +82,6 @@ class BoardBuilder {
       file.fail("border is " + std::to_string(result_.border_cells) + ", not 1 or 2 cells");
   }
 
-  const std::string& dictionary() const { return result_.dictionary; }
-
   // Begins a board; `node` is the map that may have its id in the field `board`.
   void begin(const cv::FileNode& node, const std::string& place = "") {
     const cv::FileNode id = node["board"];
