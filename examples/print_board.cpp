@@ -1,5 +1,6 @@
 // Draws a board, single markers or a grid of markers at true scale for a printer, as SVG or PDF.
-#include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <evmarker/io/output_file.hpp>
 #include <evmarker/opencv/aruco_shim.hpp>
@@ -29,23 +30,23 @@ struct Options {
     CLI::Option* read = app.add_option("file", file, "board file to draw, as track_file --board reads it");
     CLI::Option* single =
         app.add_option("--ids", ids, "in its place single markers, as 3,7")->delimiter(',')->excludes(read);
-    app.add_option("--grid", grid, "in its place a grid of markers, columns x rows, as 4x3")
-        ->delimiter('x')
-        ->expected(2)
-        ->check(CLI::Range(1, 1000))
-        ->excludes(read)
-        ->excludes(single);
+    CLI::Option* of_grid = app.add_option("--grid", grid, "in its place a grid of markers, columns x rows, as 4x3")
+                               ->delimiter('x')
+                               ->expected(2)
+                               ->check(CLI::Range(1, 1000))
+                               ->excludes(read)
+                               ->excludes(single);
     app.add_option("--marker-length", marker_length, "of --ids and --grid: side of the black square [m]")
         ->check(console::marker_length())
         ->excludes(read);
-    app.add_option("--spacing", spacing, "of --grid: white between two markers [m]; default: two cells")
+    app.add_option("--spacing", spacing, "white between two markers of the grid [m]; default: two cells")
         ->check(console::positive_number())
-        ->excludes(read);
-    app.add_option("--first-id", first_id, "of --grid: id of the top left marker; the others follow row by row")
+        ->needs(of_grid);
+    app.add_option("--first-id", first_id, "of the grid's top left marker; the others follow row by row")
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str()
-        ->excludes(read);
-    app.add_option("--board", board, "of --grid: board file to write, for track_file --board")->excludes(read);
+        ->needs(of_grid);
+    app.add_option("--board", board, "board file of the grid to write, for track_file --board")->needs(of_grid);
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->default_str("that of the file, or " + std::string(opencv::kDefaultDictionary));
     app.add_option("--output", output, "picture to write, .svg or .pdf")->required();
@@ -148,7 +149,6 @@ void print_board(const Options& o) {
   const std::string ending = std::filesystem::path(o.output).extension();
   const bool pdf = ending == ".pdf";
   if (!pdf && ending != ".svg") throw std::invalid_argument("--output " + o.output + ": ends neither in .svg nor .pdf");
-  if (!o.board.empty() && o.grid.empty()) throw std::invalid_argument("--board is written with --grid only");
   const opencv::BoardFile made = make_boards(o);
   const std::vector<Page> pages = lay_out(make_faces(made.boards), o.paper);
   if (!pdf && pages.size() > 1)

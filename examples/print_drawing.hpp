@@ -134,8 +134,8 @@ class Drawing {
     const Eigen::Matrix2d R = marker.T_board_marker.linear().topLeftCorner<2, 2>();
     const double half = 500 * marker.length * R.cwiseAbs().rowwise().sum().maxCoeff();
     const Eigen::Vector2d centre = 1000 * marker.T_board_marker.translation().head<2>();
-    const double cell = 1000 * evmarker::cell_of(marker), height = std::min(0.5 * cell, 3.0);
-    text(middle.x() + centre.x() - half, middle.y() - centre.y() + half + 0.25 * cell + 0.75 * height, height,
+    const double cell = 1000 * evmarker::cell_of(marker), height = std::min(0.7 * cell, 3.0);
+    text(middle.x() + centre.x() - half, middle.y() - centre.y() + half + 0.2 * cell + 0.75 * height, height,
          std::to_string(marker.id));
   }
 

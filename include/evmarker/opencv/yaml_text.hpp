@@ -2,7 +2,8 @@
 // YAML as other programs write it, in the form that OpenCV's parser reads.
 //
 // That parser refuses lists that are indented no more than their key (as PyYAML writes them), lists and maps in
-// brackets that end with a comma, and lines in brackets that are indented less than their key.
+// brackets that end with a comma, lines in brackets that are indented less than their key, and words that begin with a
+// digit.
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
