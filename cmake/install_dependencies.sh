@@ -9,6 +9,8 @@ packages=(
   libreaderwriterqueue-dev              # evmarker::live
   libcli11-dev                          # examples
   libopencv-highgui-dev libopencv-videoio-dev # examples: windows, videos
+  libcairo2-dev pkg-config              # examples: print_board
+  libceres-dev                          # examples: calibrate
   doctest-dev libbenchmark-dev          # tests, benchmarks
   clang                                 # tests: it compiles all that is public, too
   libapriltag-dev                       # one of the methods that evmarker_accuracy compares

@@ -67,6 +67,17 @@ inline std::string marker_length_fault(double length, const std::string& text) {
   return length < 1 ? meant : meant + "; for " + text + " mm give " + evmarker::number_text(length / 1000);
 }
 
+/// Accepts a marker's length in metres: not in millimetres.
+inline CLI::Validator marker_length() {
+  return {[](std::string& text) {
+            if (const std::string fault = positive_number()(text); !fault.empty()) return fault;
+            double length = 0;
+            CLI::detail::lexical_cast(text, length);
+            return marker_length_fault(length, text);
+          },
+          "0.001..10"};
+}
+
 /// Accepts `auto`, as 0, or a whole number from 1 to `most`.
 inline CLI::Validator automatic_or_up_to(int most) {
   return {[most](std::string& text) {

@@ -69,10 +69,9 @@ class MarkerLengths {
     const std::size_t colon = word.find(':');
     std::string metres = word.substr(colon == std::string::npos ? 0 : colon + 1);
     const auto fail = [&](const std::string& fault) { throw CLI::ValidationError("--marker-length " + word, fault); };
-    if (const std::string fault = console::positive_number()(metres); !fault.empty()) fail(fault);
+    if (const std::string fault = console::marker_length()(metres); !fault.empty()) fail(fault);
     double length = 0;
     CLI::detail::lexical_cast(metres, length);
-    if (const std::string fault = console::marker_length_fault(length, metres); !fault.empty()) fail(fault);
     if (colon == std::string::npos) {
       if (common_ > 0) fail("a length of all markers is there twice; that of one marker is ID:METRES");
       common_ = length;

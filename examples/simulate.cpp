@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "board_faces.hpp"
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "interruption.hpp"
@@ -27,7 +28,7 @@ using namespace evmarker;
 namespace {
 
 struct Options {
-  std::string recording, camera, truth, board, dictionary = "DICT_4X4_50", motion = "handheld";
+  std::string recording, camera, truth, board, dictionary, motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
   std::vector<double> black{0.08}, white{0.85};
   MarkerLengths lengths;
@@ -48,7 +49,8 @@ struct Options {
     app.add_option("recording", recording, "EVT3 RAW file to write")->required();
     app.add_option("--camera", camera, "calibration to write; default: beside the recording, ending in .yml");
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
-    app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")->capture_default_str();
+    app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")
+        ->default_str("that of --board, or " + std::string(opencv::kDefaultDictionary));
     CLI::Option* side_by_side =
         app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
     app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
@@ -164,7 +166,8 @@ void paint(const Options& o, std::vector<SimulatedMarker>& markers) {
 }
 
 std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>& targets) {
-  const cv::aruco::Dictionary dictionary = opencv::make_dictionary(o.dictionary);
+  const std::string name(o.dictionary.empty() ? opencv::kDefaultDictionary : o.dictionary);
+  const cv::aruco::Dictionary dictionary = opencv::make_dictionary(name);
   MarkerLengths lengths = o.lengths;
   lengths.set_default(0.1);
   lengths.load();
@@ -178,7 +181,7 @@ std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>&
     targets.push_back({o.ids[i], make_motion(o, i, 1.6 * longest * from_middle)});
     scene.push_back({.id = o.ids[i],
                      .length = lengths.of(o.ids[i]),
-                     .bits = opencv::marker_bits(dictionary, o.ids[i], o.dictionary),
+                     .bits = opencv::marker_bits(dictionary, o.ids[i], name),
                      .T_camera_marker = targets.back().motion});
   }
   return scene;
@@ -186,7 +189,12 @@ std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>&
 
 std::vector<SimulatedMarker> make_board(const Options& o, std::vector<Target>& targets) {
   const Board board = opencv::load_board(o.board, o.dictionary);
-  targets.push_back({board.id, make_motion(o, 0, 0)});
+  // A flat board sways about its middle, with its markers toward the camera, wherever its file has the axes.
+  const std::vector<BoardFace> faces = split_into_faces(board);
+  const Eigen::Isometry3d T_face_board =
+      faces.size() == 1 ? faces[0].T_board_face.inverse() : Eigen::Isometry3d::Identity();
+  targets.push_back(
+      {board.id, [motion = make_motion(o, 0, 0), T_face_board](double t) { return motion(t) * T_face_board; }});
   return simulated_markers(board, targets.back().motion);
 }
 

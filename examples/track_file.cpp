@@ -159,7 +159,8 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   Tracker tracker(camera, detector, settings);
   run(
       tracker, [&](MarkerId id) { return detector.model(id); },
-      "no marker was found: it must move to be seen; is it in --dictionary and --ids?");
+      "no marker was found: it must move to be seen; is it in --dictionary and --ids, its border as wide as in "
+      "--board?");
 }
 
 }  // namespace

@@ -16,7 +16,7 @@
 #include "marker_lengths.hpp"
 
 struct TrackOptions {
-  std::string recording, camera, dictionary = "DICT_4X4_50", update = "kalman", output;
+  std::string recording, camera, dictionary, update = "kalman", output;
   MarkerLengths lengths;
   std::vector<std::string> boards;
   std::vector<int> ids;
@@ -30,9 +30,9 @@ struct TrackOptions {
         ->required();
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
-        ->capture_default_str();
+        ->default_str("that of --board, or " + std::string(evmarker::opencv::kDefaultDictionary));
     lengths.add_to(app, "side of the black square [m], not needed to track boards alone");
-    app.add_option("--board", boards, "board of markers to track as one, a YAML file; may be given again");
+    app.add_option("--board", boards, "boards of markers to track as one each, a YAML file; may be given again");
     app.add_option("--ids", ids, "track only these markers, as 3,7")->delimiter(',');
     app.add_option("--update", update,
                    "update rule: kalman, decoupled (the paper's, tuned) or paper (with its own numbers)")
@@ -75,10 +75,9 @@ struct TrackOptions {
 
   /// Finds the boards, and single markers if their length is given.
   auto detector(const evmarker::PinholeCamera& of_camera) const {
-    std::vector<evmarker::Board> loaded;
-    for (const std::string& path : boards) loaded.push_back(evmarker::opencv::load_board(path, dictionary));
+    const evmarker::opencv::BoardFile loaded = load_boards();
     return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, aruco_settings(loaded)),
-                                   loaded);
+                                   loaded.boards);
   }
 
   /// Where the poses are written, if they are.
@@ -88,19 +87,39 @@ struct TrackOptions {
   }
 
  private:
+  // The boards of all files, and the dictionary of all markers.
+  evmarker::opencv::BoardFile load_boards() const {
+    evmarker::opencv::BoardFile all{{}, dictionary};
+    for (const std::string& path : boards) {
+      evmarker::opencv::BoardFile file = evmarker::opencv::load_boards(path, dictionary);
+      if (all.boards.empty()) all = {{}, file.dictionary, file.border_cells};
+      if (file.dictionary != all.dictionary)
+        throw std::invalid_argument("--board " + path + ": its markers are from " + file.dictionary + ", those of " +
+                                    boards.front() + " from " + all.dictionary + ": they are not found together");
+      if (file.border_cells != all.border_cells)
+        throw std::invalid_argument("--board " + path + ": the border of its markers is " +
+                                    std::to_string(file.border_cells) + " cells wide, that of " + boards.front() + " " +
+                                    std::to_string(all.border_cells) + ": they are not found together");
+      all.boards.insert(all.boards.end(), file.boards.begin(), file.boards.end());
+    }
+    if (all.dictionary.empty()) all.dictionary = evmarker::opencv::kDefaultDictionary;
+    return all;
+  }
+
   // What to find: the boards' markers, and of the single ones those of --ids, or those whose length is known.
-  evmarker::opencv::ArucoDetectorSettings aruco_settings(const std::vector<evmarker::Board>& loaded) const {
+  evmarker::opencv::ArucoDetectorSettings aruco_settings(const evmarker::opencv::BoardFile& loaded) const {
     MarkerLengths single = lengths;
     single.load();
-    if (single.empty() && loaded.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
+    if (single.empty() && boards.empty()) throw std::invalid_argument("--marker-length is required (see --help)");
     if (single.empty() && !ids.empty())
       throw std::invalid_argument("--ids: the markers need --marker-length, the board's do not");
-    evmarker::opencv::ArucoDetectorSettings settings{.dictionary = dictionary, .lengths = single.own()};
+    evmarker::opencv::ArucoDetectorSettings settings{
+        .dictionary = loaded.dictionary, .lengths = single.own(), .border_cells = loaded.border_cells};
     if (single.common() > 0) settings.marker_length = single.common();
     if (single.common() > 0 && ids.empty()) return settings;
     settings.ids = ids.empty() ? single.ids() : ids;
     for (const int id : settings.ids) single.of(id);
-    for (const evmarker::Board& board : loaded)
+    for (const evmarker::Board& board : loaded.boards)
       for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
     return settings;
   }

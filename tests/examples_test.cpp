@@ -21,8 +21,10 @@
 #include <numbers>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 #include <random>
+#include <regex>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -33,6 +35,8 @@
 #include "evmarker/io/csv_writer.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
+#include "evmarker/opencv/aruco_shim.hpp"
+#include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
 #include "io/test_support.hpp"
 
@@ -45,8 +49,9 @@ using namespace evmarker::io::test;
 namespace {
 
 const std::map<std::string, std::string> kPrograms{
-    {"quickstart", EVMARKER_QUICKSTART}, {"paper", EVMARKER_PAPER},       {"simulate", EVMARKER_SIMULATE},
-    {"track_file", EVMARKER_TRACK_FILE}, {"evaluate", EVMARKER_EVALUATE}, {"replay", EVMARKER_REPLAY}};
+    {"quickstart", EVMARKER_QUICKSTART},  {"paper", EVMARKER_PAPER},       {"simulate", EVMARKER_SIMULATE},
+    {"track_file", EVMARKER_TRACK_FILE},  {"evaluate", EVMARKER_EVALUATE}, {"replay", EVMARKER_REPLAY},
+    {"print_board", EVMARKER_PRINT_BOARD}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -715,6 +720,208 @@ TEST_CASE("examples: the guide's board and wireframe are read by the programs") 
     const Result tracked = run(folder, std::string("track_file b.raw --camera b.yml ") + target);
     CHECK_MESSAGE(tracked.code != 1, tracked.err);  // too short to find anything
   }
+}
+
+namespace {
+
+const char* const kAprilgrid = "target_type: 'aprilgrid'\ntagCols: 3\ntagRows: 2\ntagSize: 0.03\ntagSpacing: 0.3\n";
+
+constexpr double kPixelsPerMm = 20, kFine = 2;  // drawn finer, so that slanted lines are not stairs
+
+/// The black areas of an SVG in millimetres, as a printer without grey would print them.
+cv::Mat printed(const std::string& svg) {
+  std::smatch size;
+  REQUIRE(std::regex_search(svg, size,
+                            std::regex(R"re(width="([0-9.]+)mm" height="([0-9.]+)mm" viewBox="0 0 ([0-9. ]+)")re")));
+  CHECK(size[3] == size[1].str() + " " + size[2].str());  // a unit is a millimetre
+  cv::Mat page(static_cast<int>(std::stod(size[2]) * kFine * kPixelsPerMm),
+               static_cast<int>(std::stod(size[1]) * kFine * kPixelsPerMm), CV_8U, cv::Scalar(255));
+  const std::regex black("<path[^>]*fill[:=]\"?rgb\\(0%, ?0%, ?0%\\)[^>]* d=\"([^\"]*)\""),
+      corner("([MLZ]) ?([0-9.]*) ?([0-9.]*)");
+  for (std::sregex_iterator path(svg.begin(), svg.end(), black), end; path != end; ++path) {
+    const std::string lines = (*path)[1];
+    std::vector<std::vector<cv::Point>> polygons;
+    for (std::sregex_iterator at(lines.begin(), lines.end(), corner); at != end; ++at) {
+      if ((*at)[1] == "M") polygons.emplace_back();
+      if ((*at)[1] == "Z" || (*at)[2].length() == 0) continue;
+      const double sixteenths = 16 * kFine * kPixelsPerMm;  // the centre of the first pixel is at 0
+      polygons.back().emplace_back(cvRound(std::stod((*at)[2]) * sixteenths - 8),
+                                   cvRound(std::stod((*at)[3]) * sixteenths - 8));
+    }
+    std::erase_if(polygons, [](const auto& polygon) { return polygon.size() < 3; });
+    cv::fillPoly(page, polygons, cv::Scalar(0), cv::LINE_8, 4);
+  }
+  cv::resize(page, page, {}, 1.0 / kFine, 1.0 / kFine, cv::INTER_AREA);
+  return page;
+}
+
+/// Finds a board's markers on a page by OpenCV's own detector. They may be moved all alike, but neither turned nor
+/// scaled.
+/// @param down the board's direction that is down on the page
+/// @returns the largest distance [mm] of a corner from where the board has it
+double largest_deviation(const cv::Mat& page, const evmarker::Board& board, const std::string& dictionary, double down,
+                         int border_cells = 1) {
+  cv::aruco::DetectorParameters parameters;
+  parameters.markerBorderBits = border_cells;
+  parameters.cornerRefinementMethod = cv::aruco::CORNER_REFINE_SUBPIX;
+  std::vector<std::vector<cv::Point2f>> corners;
+  std::vector<int> ids;
+  evmarker::opencv::detail::detect_markers(page, evmarker::opencv::make_dictionary(dictionary), parameters, corners,
+                                           ids);
+  std::vector<Eigen::Vector2d> moved;
+  for (const evmarker::BoardMarker& marker : board.markers) {
+    const auto found = std::ranges::find(ids, marker.id);
+    REQUIRE_MESSAGE(found != ids.end(), marker.id);
+    const double h = marker.length / 2;
+    const Eigen::Vector3d square[] = {{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const cv::Point2f seen = corners[static_cast<std::size_t>(found - ids.begin())][k] / kPixelsPerMm;
+      const Eigen::Vector3d place = 1000 * (marker.T_board_marker * square[k]);
+      moved.emplace_back(seen.x - place.x(), seen.y - down * place.y());
+    }
+  }
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& one : moved) mean += one / static_cast<double>(moved.size());
+  double largest = 0;
+  for (const Eigen::Vector2d& one : moved) largest = std::max(largest, (one - mean).norm());
+  return largest;
+}
+
+}  // namespace
+
+TEST_CASE("examples: print_board draws what OpenCV finds, where the board's file says") {
+  if (kPrograms.at("print_board").empty()) {
+    MESSAGE("skipped: print_board is not built");
+    return;
+  }
+  const TemporaryFolder folder;
+  const Result grid = run(
+      folder, "print_board --grid 4x3 --marker-length 0.04 --spacing 0.01 --first-id 5 --board g.yml --output g.svg");
+  REQUIRE_MESSAGE(grid.code == 0, grid.err);
+  CHECK(grid.out == "g.svg: 12 markers of DICT_4X4_50 on 1 page of 297 x 210 mm\n");
+  const auto made = evmarker::opencv::load_boards((folder / "g.yml").string());
+  REQUIRE(made.boards.size() == 1);
+  const evmarker::Board& board = made.boards[0];
+  CHECK(board.id == 100);
+  REQUIRE(board.markers.size() == 12);
+  CHECK(board.markers[4].id == 9);  // the first of the second row
+  CHECK((board.markers[4].T_board_marker.translation() - Eigen::Vector3d(-0.075, 0, 0)).norm() < 1e-12);
+  const std::string svg = read_file(folder / "g.svg");
+  CHECK(contains(svg, "M 10 192.5 L 110 192.5"));  // the ruler
+  CHECK(largest_deviation(printed(svg), board, "DICT_4X4_50", -1) < 0.04);
+
+  const std::pair<const char*, double> files[] = {
+      {kAprilgrid, -1},
+      {"squaresX: 4\nsquaresY: 5\nsquareLength: 0.03\nmarkerLength: 0.02\ndictionary: 6X6_250\n", 1},
+      {"board: 1\nmarkers:\n  - { id: 0, length: 0.03, rotation: [0, 0, 0.5], translation: [0, 0, 0] }\n"
+       "  - { id: 1, length: 0.05, rotation: [0, 0, -2], translation: [0.07, 0.01, 0] }\n",
+       -1}};
+  for (const auto& [text, down] : files) {
+    write_file(folder / "b.yml", text);
+    const Result drawn = run(folder, "print_board b.yml --output b.svg");
+    REQUIRE_MESSAGE(drawn.code == 0, drawn.err);
+    const auto file = evmarker::opencv::load_boards((folder / "b.yml").string());
+    CHECK(largest_deviation(printed(read_file(folder / "b.svg")), file.boards[0], file.dictionary, down,
+                            file.border_cells) < 0.04);
+  }
+}
+
+TEST_CASE("examples: print_board draws each face of a body, single markers and pages of a PDF") {
+  if (kPrograms.at("print_board").empty()) {
+    MESSAGE("skipped: print_board is not built");
+    return;
+  }
+  const TemporaryFolder folder;
+  write_file(folder / "cube.yml", samples("examples/README.md", "yaml").at(0));
+  const Result cube = run(folder, "print_board cube.yml --output cube.svg");
+  REQUIRE_MESSAGE(cube.code == 0, cube.err);
+  const cv::Mat page = printed(read_file(folder / "cube.svg"));
+  for (const evmarker::BoardMarker& marker : evmarker::opencv::load_board((folder / "cube.yml").string()).markers) {
+    evmarker::BoardMarker flat = marker;
+    flat.T_board_marker.setIdentity();
+    // On the side that looks along the board's x, up is its z: the marker's x is down there, its y to the right.
+    if (marker.id == 2) flat.T_board_marker.linear() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+    CHECK(largest_deviation(page, {1, {flat}}, "DICT_4X4_50", -1) < 0.04);
+  }
+
+  const std::string single = "print_board --ids 0,7,30 --dictionary DICT_5X5_50 --marker-length ";
+  const Result fit = run(folder, single + "0.07 --paper fit --output m.svg");
+  CHECK(fit.out == "m.svg: 3 markers of DICT_5X5_50 on 1 page of 204 x 219 mm\n");  // 2 x 2 of 90 mm
+  const cv::Mat all = printed(read_file(folder / "m.svg"));
+  const auto codes = evmarker::opencv::make_dictionary("DICT_5X5_50");
+  for (const int id : {0, 7, 30})
+    CHECK(largest_deviation(all, {1, {{id, 0.07, evmarker::opencv::marker_bits(codes, id)}}}, "DICT_5X5_50", -1) <
+          0.04);
+  const Result pages = run(folder, single + "0.12 --output m.pdf");
+  CHECK(pages.out == "m.pdf: 3 markers of DICT_5X5_50 on 3 pages of 210 x 297 mm\n");
+  CHECK(read_file(folder / "m.pdf").starts_with("%PDF-"));
+}
+
+TEST_CASE("examples: print_board says in one line what is wrong, and leaves nothing") {
+  if (kPrograms.at("print_board").empty()) {
+    MESSAGE("skipped: print_board is not built");
+    return;
+  }
+  const std::string grid = "print_board --grid 4x3 --marker-length 0.1 --output o.svg";
+  const std::pair<std::string, std::vector<std::string>> cases[] = {
+      {grid, {"--paper A4", "190 x 262 mm", "534 x 400 mm", "--paper fit"}},
+      {replaced(grid, "0.1", "0.06"), {"--paper A4", "320 x 240 mm", "--paper A3 is large enough"}},
+      {grid + " --paper A5", {"--paper", "A5"}},
+      {replaced(grid, "svg", "png") + " --paper fit", {"--output o.png", ".svg", ".pdf"}},
+      {replaced(grid, " --marker-length 0.1", ""), {"--marker-length", "required"}},
+      {"print_board --output o.svg", {"--ids", "--grid", "required"}},
+      {"print_board b.yml", {"--output", "required"}},
+      {"print_board missing.yml --output o.svg", {"missing.yml", "No such file"}},
+      {"print_board b.yml --output o.svg --ids 3", {"file", "--ids"}},
+      {"print_board b.yml --output o.svg --dictionary DICT_4X4_50", {"b.yml", "DICT_4X4_50", "AprilTags"}},
+      {grid + " --spacing 0.001", {"--spacing", "0.001 m", "cell"}},
+      {grid + " --first-id 40", {"marker id 50", "DICT_4X4_50"}},
+      {grid + " --board o.svg", {"--board o.svg", "--output o.svg"}},
+      {"print_board --ids 3 --marker-length 0.1 --output o.svg --board n.yml", {"--board", "--grid"}},
+      {"print_board b.yml --output missing/o.svg", {"missing/o.svg", "No such file"}},
+      {grid + " --paper fit --board missing/n.yml", {"missing/n.yml", "No such file"}},
+      {"print_board --ids 3,4 --marker-length 0.13 --output o.svg", {"--output o.svg", "2 pages of A4", ".pdf"}},
+  };
+  for (const auto& [command, told] : cases) {
+    CAPTURE(command);
+    const TemporaryFolder folder;
+    write_file(folder / "b.yml", kAprilgrid);
+    const Result result = run(folder, command);
+    CAPTURE(result.err);
+    CHECK(result.code > 0);
+    CHECK(std::ranges::count(result.err, '\n') == 1);
+    for (const std::string& part : told) CHECK_MESSAGE(contains(result.err, part), part);
+    CHECK(result.out.empty());
+    CHECK(folder.files() == 3);  // the board, stdout and stderr
+    CHECK(read_file(folder / "b.yml") == kAprilgrid);
+  }
+  const TemporaryFolder folder;
+  write_file(folder / "b.svg", kAprilgrid);
+  const Result same = run(folder, "print_board b.svg --output b.svg");
+  CHECK_MESSAGE(contains(same.err, "--output b.svg would overwrite the board b.svg"), same.err);
+  CHECK(read_file(folder / "b.svg") == kAprilgrid);
+}
+
+TEST_CASE("examples: a board of another program is simulated and tracked by the dictionary that its file names") {
+  const TemporaryFolder folder;
+  write_file(folder / "k.yml", kAprilgrid);
+  const Result made =
+      run(folder, "simulate k.raw --camera c.yml --board k.yml --truth truth.csv --distance 0.3 --duration 0.3");
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  const Result tracked = run(folder, "track_file k.raw --camera c.yml --board k.yml --output poses.csv");
+  REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
+  CHECK_MESSAGE(contains(tracked.out, "marker 600 "), tracked.out);
+  const MeanError error =
+      mean_tracking_error(read_table(read_file(folder / "poses.csv")), read_table(read_file(folder / "truth.csv")));
+  REQUIRE(error.poses > 500);
+  CHECK(error.mm < 0.3);
+  CHECK(error.deg < 0.3);
+  write_file(folder / "o.yml", kBoard);
+  const Result both = run(folder, "track_file k.raw --camera c.yml --board k.yml --board o.yml");
+  CHECK(both.code == 1);
+  CHECK_MESSAGE(
+      contains(both.err, "--board o.yml: its markers are from DICT_4X4_50, those of k.yml from DICT_APRILTAG"),
+      both.err);
 }
 
 namespace {

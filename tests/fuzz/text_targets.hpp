@@ -13,6 +13,7 @@
 #include "evmarker/io/pose_reader.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
+#include "evmarker/opencv/marker_lengths.hpp"
 #include "evmarker/opencv/wireframe.hpp"
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
@@ -124,6 +125,21 @@ inline std::string make_settings_text(Random& random) {
                                               "length: ",
                                               "rotation: ",
                                               "translation: ",
+                                              "target_type: aprilgrid\n",
+                                              "tagCols: ",
+                                              "tagSize: ",
+                                              "tagSpacing: ",
+                                              "squaresX: ",
+                                              "markersX: ",
+                                              "markers_y: ",
+                                              "markerLength: ",
+                                              "ids: ",
+                                              "dictionary: ",
+                                              "border: 2\n",
+                                              "tag_bundles: ",
+                                              "layout: ",
+                                              "qw: ",
+                                              "frame_at_center: true\n",
                                               "wireframe: ",
                                               "vertices: ",
                                               "edges: ",
@@ -186,7 +202,17 @@ inline std::vector<std::string> settings_seeds() {
       "dark_side: [0, 1, 0] }\n  - { from: 1, to: 2, face_normal: [0, 0, 1] }\nstart:\n  rotation: [3, 0, 0]\n  "
       "translation: [0, 0, 0.5]\n",
       "<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>64</image_width>\n<image_height>48</image_height>\n"
-      "</opencv_storage>\n"};
+      "</opencv_storage>\n",
+      "target_type: 'aprilgrid' # a\ntagCols: 3\ntagRows: 2\ntagSize: 0.088\ntagSpacing: 0.3\n",
+      "markersX: 2\nmarkersY: 2\nmarkerLength: 0.04\nmarkerSeparation: 0.01\nfirstMarker: 3\ndictionary: 0\n",
+      "squares_x: 3\nsquares_y: 4\nsquare_length: 0.04\nmarker_length: 0.03\nlegacy_pattern: true\ndictionary: "
+      "4X4_50\n",
+      "tag_bundles:\n  [\n    {\n      name: 'a',\n      layout:\n        [\n          {id: 0, size: 0.05, x: 0.1, y: "
+      "0, "
+      "z: 0, qw: 1, qx: 0, qy: 0, qz: 0},\n        ]\n    },\n  ]\n",
+      "- name: '1'\n  first_id: 0\n  markers_x: 2\n  markers_y: 1\n  marker_size: 0.07\n  separation: 0.02\n  "
+      "frame_at_center: true\n- name: b\n  first_id: 2\n  markers_x: 1\n  markers_y: 1\n  marker_size: 0.07\n  "
+      "separation: 0.02\n  frame_at_center: false\n"};
 }
 
 struct ReadText {
@@ -278,7 +304,16 @@ inline void fuzz_settings(std::string_view input) {
     detail::check_one_line(error);
   }
   try {
-    validate(opencv::load_board(file.path().string(), "DICT_4X4_50"));
+    const opencv::BoardFile boards = opencv::load_boards(file.path().string());
+    require_that(!boards.boards.empty(), "a file of boards has one");
+    for (const Board& board : boards.boards) validate(board);
+    ++arrived;
+  } catch (const std::runtime_error& error) {
+    detail::check_one_line(error);
+  }
+  try {
+    for (const auto& [id, length] : opencv::load_marker_lengths(file.path().string()))
+      require_that(id >= 0 && length > 0 && std::isfinite(length), "lengths that are loaded are those of markers");
     ++arrived;
   } catch (const std::runtime_error& error) {
     detail::check_one_line(error);

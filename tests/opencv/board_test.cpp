@@ -86,7 +86,7 @@ TEST_CASE("a board that is none is refused in one line with file, field and valu
   CHECK(board_refused(replaced(kBoard, "translation: [0, 0, 1]", "place: [0, 0, 1]")) ==
         "board FILE: markers[1] has no field translation");
   CHECK(board_refused("") == "board FILE: is empty");
-  CHECK(board_refused("- 1\n- 2\n").starts_with("board FILE: is neither"));
+  CHECK(board_refused("[1, 2]\n").starts_with("board FILE: is neither"));
   CHECK(board_refused(std::string("\x01\x02{[\x00garbage", 12)).starts_with("board FILE: is neither"));
   CHECK(board_refused(kBoard, "DICT_9X9").starts_with("dictionary: no \"DICT_9X9\""));
   CHECK_THROWS_WITH(opencv::load_board("/nowhere/board.yml", "DICT_4X4_50"),

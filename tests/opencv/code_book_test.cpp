@@ -55,6 +55,29 @@ TEST_CASE("a marker is read from whichever corner one begins, and its corners tu
     }
 }
 
+TEST_CASE("in a border of two cells, the code is read inside it, and the border must be dark") {
+  CodeBook book(2);
+  const auto dictionary = opencv::make_dictionary("DICT_6X6_250");
+  for (int id = 0; id < 250; ++id) book.add(id, opencv::marker_bits(dictionary, id));
+  const CodeBits code = opencv::marker_bits(dictionary, 42);
+  cv::Mat_<uchar> image(140, 140, uchar{255});
+  for (int y = 20; y < 120; ++y)
+    for (int x = 20; x < 120; ++x) {
+      const int row = (y - 20) / 10 - 2, column = (x - 20) / 10 - 2;
+      const bool inside = row >= 0 && column >= 0 && row < 6 && column < 6;
+      image(y, x) = inside && code(row, column) != 0 ? 255 : 0;
+    }
+  const DarkQuad quad{{Vec2(19.5, 19.5), Vec2(119.5, 19.5), Vec2(119.5, 119.5), Vec2(19.5, 119.5)}, 1};
+  REQUIRE(book.read(image, quad));
+  CHECK(book.read(image, quad)->id == 42);
+  CHECK(book.read(image, quad)->clarity > 0.99);
+  CHECK_FALSE(CodeBook(book_of("DICT_APRILTAG_36h11")).read(image, quad));
+  cv::rectangle(image, cv::Rect(20, 30, 100, 10), 255, -1);  // 10 of the 64 cells of the border
+  CHECK(book.read(image, quad));
+  cv::rectangle(image, cv::Rect(20, 100, 100, 10), 255, -1);
+  CHECK_FALSE(book.read(image, quad));
+}
+
 TEST_CASE("long codes may have two wrong cells and unseen ones, not four") {
   const CodeBook book = book_of("DICT_APRILTAG_36h11");
   const CodeBits bits = opencv::marker_bits(opencv::make_dictionary("DICT_APRILTAG_36h11"), 3);

@@ -34,11 +34,12 @@ namespace evmarker::opencv {
 
 /// Which markers to find, and how much of a marker a frame must show.
 struct ArucoDetectorSettings {
-  std::string dictionary = "DICT_4X4_50";   ///< OpenCV's name of a predefined dictionary
-  double marker_length = 0.10;              ///< side of the black square [m]
-  std::map<MarkerId, double> lengths = {};  ///< the same of those markers that are not as long as the others [m]
-  std::vector<MarkerId> ids = {};           ///< the markers to find; empty: the whole dictionary
-  double min_side_px = 15;                  ///< smaller markers are ignored
+  std::string dictionary{kDefaultDictionary};  ///< OpenCV's name of a predefined dictionary
+  double marker_length = 0.10;                 ///< side of the black square [m]
+  std::map<MarkerId, double> lengths = {};     ///< the same of those markers that are not as long as the others [m]
+  int border_cells = 1;                        ///< width of the markers' black border: 1, or 2 as Kalibr prints them
+  std::vector<MarkerId> ids = {};              ///< the markers to find; empty: the whole dictionary
+  double min_side_px = 15;                     ///< smaller markers are ignored
   double min_agreement = 0.9;          ///< least share of the marker's area that agrees with its code, see `read_code`
   double min_edge_support = 0.7;       ///< least share of its edges that the frame shows, see `FrameFit::support`
   double max_alternative_ratio = 2.0;  ///< largest ratio of costs at which the second planar pose is reported
@@ -60,14 +61,19 @@ class ArucoDetector {
   /// @throws std::invalid_argument naming an unknown dictionary, a marker length that is not positive, an id that the
   /// dictionary does not have, or a setting out of its range
   ArucoDetector(Camera camera, ArucoDetectorSettings settings)
-      : camera_(std::move(camera)), settings_(std::move(settings)), dictionary_(make_dictionary(settings_.dictionary)) {
+      : camera_(std::move(camera)),
+        settings_(std::move(settings)),
+        dictionary_(make_dictionary(settings_.dictionary)),
+        codes_(settings_.border_cells) {
     evmarker::detail::require_marker_length(settings_.marker_length);
+    const Require require("detector");
+    require(settings_.border_cells >= 1 && settings_.border_cells <= kMostBorderCells, "border_cells",
+            settings_.border_cells);
     for (const MarkerId id : settings_.ids) bits(id);
     for (const auto& [id, length] : settings_.lengths) {
       bits(id);
       evmarker::detail::require_marker_length(length, (std::to_string(id) + " length").c_str());
     }
-    const Require require("detector");
     const auto is_share = [](double value) { return value >= 0 && value <= 1; };
     require(settings_.min_side_px >= 4 && std::isfinite(settings_.min_side_px), "min_side_px", settings_.min_side_px);
     require(is_share(settings_.min_agreement), "min_agreement", settings_.min_agreement);
@@ -75,7 +81,7 @@ class ArucoDetector {
     require(settings_.max_alternative_ratio >= 0, "max_alternative_ratio", settings_.max_alternative_ratio);
 
     for (MarkerId id = 0; id < dictionary_size(dictionary_); ++id)
-      if (is_wanted(id)) codes_.add(id, bits(id));
+      if (is_wanted(id)) codes_.add(id, marker_bits(dictionary_, id));
   }
 
   /// The markers in a frame of the camera's size, each id at most once.
@@ -128,9 +134,11 @@ class ArucoDetector {
     return all;
   }
 
-  /// The code of a marker: the cells inside its border.
+  /// The code of a marker: the cells inside the outermost ring of its border.
   /// @throws std::invalid_argument if the dictionary has no such id
-  CodeBits bits(MarkerId id) const { return marker_bits(dictionary_, id, settings_.dictionary); }
+  CodeBits bits(MarkerId id) const {
+    return with_border(marker_bits(dictionary_, id, settings_.dictionary), settings_.border_cells);
+  }
 
   /// The wireframe of a marker: its outline and the edges of its cells.
   /// @throws std::invalid_argument if the dictionary has no such id
@@ -276,7 +284,7 @@ class ArucoDetector {
   // How far to each side of an edge its step is searched [px]: less than the distance to the next edge of the code.
   double reach_px(MarkerId id, const Eigen::Isometry3d& T) const {
     const double marker_px = camera_.focal_length() * settings_.length(id) / translation(T).z;
-    return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2), 1.5, 4.0);
+    return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2 * settings_.border_cells), 1.5, 4.0);
   }
 
   // Fits a pose to the frame, starting from T. Empty if the frame does not show enough of the marker's edges and code.

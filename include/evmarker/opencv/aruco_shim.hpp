@@ -69,6 +69,9 @@ inline constexpr auto kDictionaries = std::to_array<std::pair<std::string_view, 
     {"DICT_APRILTAG_36h11", cv::aruco::DICT_APRILTAG_36h11},
 });
 
+/// The dictionary where none is named.
+inline constexpr std::string_view kDefaultDictionary = "DICT_4X4_50";
+
 /// A predefined dictionary by OpenCV's name, e.g. "DICT_4X4_50".
 /// @throws std::invalid_argument naming the unknown name and all known ones
 inline cv::aruco::Dictionary make_dictionary(std::string_view name) {
@@ -96,6 +99,18 @@ inline CodeBits marker_bits(const cv::aruco::Dictionary& dictionary, int id, std
   for (int row = 0; row < bits.rows; ++row)
     for (int column = 0; column < bits.cols; ++column) code(row, column) = bits.at<uchar>(row, column);
   return code;
+}
+
+/// The widest border of markers that is supported [cells].
+inline constexpr int kMostBorderCells = 2;
+
+/// The code of a marker whose border is wider than one cell, for what takes it to be one cell wide: with the rest of
+/// its border around it.
+inline CodeBits with_border(const CodeBits& code, int border_cells) {
+  const Eigen::Index rest = border_cells - 1;
+  CodeBits all = CodeBits::Zero(code.rows() + 2 * rest, code.cols() + 2 * rest);
+  all.block(rest, rest, code.rows(), code.cols()) = code;
+  return all;
 }
 
 }  // namespace evmarker::opencv

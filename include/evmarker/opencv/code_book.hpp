@@ -29,9 +29,12 @@ class CodeBook {
     double clarity = 0;  ///< 1 if all of its outline is seen and all samples of its cells are right; less otherwise
   };
 
+  /// @param border_cells width of the markers' black border
+  explicit CodeBook(int border_cells = 1) : border_(border_cells), cells_(2 * border_cells) {}
+
   /// Adds a marker. The codes of all markers must be squares of the same size, at most 8 x 8 cells.
   void add(MarkerId id, const CodeBits& code) {
-    cells_ = static_cast<int>(code.rows()) + 2;
+    cells_ = static_cast<int>(code.rows()) + 2 * border_;
     CodeBits seen = code;
     for (std::size_t turn = 0; turn < 4; ++turn) {
       entries_.push_back({word_of(seen), id, turn});
@@ -89,7 +92,7 @@ class CodeBook {
   static constexpr int kSide = 3;               // of the grid of samples of a cell
 
   // Number of cells along a side, without the border.
-  int inside() const { return cells_ - 2; }
+  int inside() const { return cells_ - 2 * border_; }
 
   // The bits of a code row by row, the last one in the lowest bit.
   static std::uint64_t word_of(const CodeBits& bits) {
@@ -145,7 +148,7 @@ class CodeBook {
         for (int i = 0; i < kSide; ++i)
           for (int j = 0; j < kSide; ++j)
             sum += brightness(column + 0.25 + 0.5 * j / (kSide - 1), row + 0.25 + 0.5 * i / (kSide - 1));
-        if (row == 0 || column == 0 || row == cells_ - 1 || column == cells_ - 1) {
+        if (std::min({row, column, cells_ - 1 - row, cells_ - 1 - column}) < border_) {
           dark_border += sum < 0;
           cells.border_sum += sum;
         } else {
@@ -154,13 +157,14 @@ class CodeBook {
           cells.known = cells.known << 1 | (std::abs(sum) >= kKnown ? 1u : 0u);
         }
       }
-    cells.border = dark_border / (4.0 * (cells_ - 1));
+    cells.border = dark_border / static_cast<double>(cells_ * cells_ - inside() * inside());
     return cells;
   }
 
   std::vector<Entry> entries_;
   std::vector<int> allowed_;  // allowed errors, by number of known bits
-  int cells_ = 2;             // number of cells along a side, border included
+  int border_;                // number of cells across the border
+  int cells_;                 // number of cells along a side, border included
 };
 
 }  // namespace evmarker::opencv

@@ -17,29 +17,24 @@
 #include <vector>
 
 #include "evmarker/opencv/unsafe_text.hpp"
+#include "evmarker/opencv/yaml_text.hpp"
 
 namespace evmarker::opencv::detail {
 
 // A YAML, XML or JSON file of named fields. All errors are std::runtime_error with one line: file, field, value.
 class SettingsFile {
  public:
-  // `kind` describes the file in errors.
-  SettingsFile(std::string kind, const std::string& path) : kind_(std::move(kind)), path_(path) {
-    // The file is not read by FileStorage, which prints a message of its own if it cannot open it.
-    errno = 0;
-    std::ifstream file(path, std::ios::binary);
-    std::ostringstream content;
-    if (!file || !(content << file.rdbuf()))
-      fail(errno == 0 ? "is empty" : "cannot be read: " + std::generic_category().message(errno));
-    std::string text = content.str();
-    const auto first = text.find_first_not_of(" \t\r\n");
-    if (first == std::string::npos) fail("is empty");
-    if (const std::string reason = find_unsafe(std::string_view(text).substr(first)); !reason.empty()) fail(reason);
-    // OpenCV requires the YAML directive, which ROS does not write.
-    if (text.compare(first, 5, "%YAML") != 0 && text[first] != '{' && text[first] != '<')
-      text = "%YAML:1.0\n" + std::string(text.compare(first, 3, "---") == 0 ? "" : "---\n") + text.substr(first);
+  // `kind` describes the file in errors. A YAML file that is one list is read as if it had the single field `list`; it
+  // is refused where that is empty.
+  SettingsFile(std::string kind, const std::string& path, const std::string& list = "")
+      : kind_(std::move(kind)), path_(path) {
+    const std::string text = as_opencv_reads(read(), list);
+    if (const std::string reason = find_unsafe(text); !reason.empty()) fail(reason);
     try {
-      storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
+      // OpenCV requires the YAML directive, which ROS does not write.
+      const bool yaml = text.front() != '{' && text.front() != '<' && text.compare(0, 5, "%YAML") != 0;
+      const std::string head = text.compare(0, 3, "---") == 0 ? "%YAML:1.0\n" : "%YAML:1.0\n---\n";
+      storage_.open(yaml ? head + text : text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
     } catch (const std::exception&) {  // not only OpenCV's own: an empty name is a std::length_error
       fail("is neither YAML, XML nor JSON that OpenCV can read");
     }
@@ -53,23 +48,30 @@ class SettingsFile {
 
   bool has(const std::string& field) const { return !storage_[field].empty(); }
 
-  // A whole number from 1 to 65536.
-  int positive_integer(const std::string& field) const {
-    const double value = number(required(field), field);
+  // The map of all fields.
+  cv::FileNode root() const { return storage_.root(); }
+
+  int positive_integer(const std::string& field) const { return positive_integer(required(field), field); }
+
+  // A whole number from 1 to 65536; `field` is the name of the node in errors.
+  int positive_integer(const cv::FileNode& node, const std::string& field) const {
+    const double value = number(node, field);
     if (!(value > 0 && value <= 65536 && value == std::floor(value)))
       fail(field + " is " + show(value) + ", not a positive whole number");
     return static_cast<int>(value);
   }
 
-  std::string text(const std::string& field) const {
-    const cv::FileNode node = required(field);
+  std::string text(const std::string& field) const { return text(required(field), field); }
+
+  std::string text(const cv::FileNode& node, const std::string& field) const {
     if (!node.isString()) fail(field + " is not a text");
     return static_cast<std::string>(node);
   }
 
-  // true or false, or a number: true unless it is 0.
-  bool flag(const std::string& field) const {
-    const cv::FileNode node = required(field);
+  bool flag(const std::string& field) const { return flag(required(field), field); }
+
+  // true or false, or a number: true unless it is 0. `field` is the name of the node in errors.
+  bool flag(const cv::FileNode& node, const std::string& field) const {
     if (node.isString()) {
       const std::string word = static_cast<std::string>(node);
       if (word != "true" && word != "false") fail(field + " is \"" + word + "\", not true or false");
@@ -139,6 +141,28 @@ class SettingsFile {
   }
 
  private:
+  // The file is not read by FileStorage, which prints a message of its own if it cannot open it.
+  std::string read() const {
+    errno = 0;
+    std::ifstream file(path_, std::ios::binary);
+    std::ostringstream content;
+    if (!file || !(content << file.rdbuf()))
+      fail(errno == 0 ? "is empty" : "cannot be read: " + std::generic_category().message(errno));
+    return content.str();
+  }
+
+  // The text from its first character that is not blank on, YAML without what OpenCV's parser refuses.
+  std::string as_opencv_reads(const std::string& content, const std::string& list) const {
+    const std::string text = content.substr(std::min(content.find_first_not_of(" \t\r\n"), content.size()));
+    if (text.empty()) fail("is empty");
+    if (text.front() == '{' || text.front() == '<') return text;
+    std::string yaml = plain_yaml(text);
+    const std::size_t head = yaml.compare(0, 4, "---\n") == 0 ? 4 : 0;
+    if (!list.empty() && yaml.compare(head, 2, "- ") == 0) yaml = plain_yaml(list + ":\n" + yaml.substr(head));
+    if (yaml.empty()) fail("is empty");
+    return yaml;
+  }
+
   std::string kind_, path_;
   cv::FileStorage storage_;
 };
