@@ -91,7 +91,7 @@ class MarkerFollower {
       const auto square = evmarker::make_square_marker(marker->length).vertices;
       SeenMarker seen{&*marker, {}};
       for (std::size_t i = 0; i < 4; ++i) seen.corners_px[i] = Eigen::Vector2d(camera_.project(T * square[i]));
-      if (is_resolved(seen)) view.markers.push_back(seen);
+      if (is_resolved(seen) && is_inside(seen)) view.markers.push_back(seen);
     }
     return view;
   }
@@ -105,6 +105,14 @@ class MarkerFollower {
     for (std::size_t i = 0; i < 4; ++i)
       shortest = std::min(shortest, norm(seen.corners_px[i] - seen.corners_px[(i + 1) % 4]));
     return shortest >= kLeastCell_px * cells;
+  }
+
+  // False if a corner is outside the image: its place is concluded from the others.
+  bool is_inside(const SeenMarker& seen) const {
+    const evmarker::SensorSize size = camera_.sensor_size();
+    return std::ranges::all_of(seen.corners_px, [&](evmarker::Vec2 corner) {
+      return corner.x >= 0 && corner.y >= 0 && corner.x <= size.width - 1 && corner.y <= size.height - 1;
+    });
   }
 
   evmarker::PinholeCamera camera_;
