@@ -1,25 +1,24 @@
 #pragma once
-// Bundle adjustment of a board: where its markers are, from corners seen at many times.
+// Where markers are on a board: the poses of all of them that agree best with those tracked at many times.
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "evmarker/base/so3.hpp"
-#include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose_estimate.hpp"
-#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 
-/// The four corners of a marker at one time, in the undistorted image [px from the principal point].
+/// The pose of one of a board's markers at one time.
 struct MarkerSighting {
   std::size_t marker = 0;  ///< its place among the board's markers
-  std::array<Vec2, 4> corners;
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
+  Matrix6d whitening = Matrix6d::Identity();  ///< W with W P W^T = I for the pose's covariance P
 };
 
 /// Markers seen at one time.
@@ -28,121 +27,84 @@ struct BoardView {
   Eigen::Isometry3d T_camera_board = Eigen::Isometry3d::Identity();
 };
 
-/// A square on a board.
-struct BoardSquare {
-  double length = 0;  ///< [m]
-  Eigen::Isometry3d T_board_marker = Eigen::Isometry3d::Identity();
-};
-
-/// Finds the poses of squares on a board, all but the first, and of the board in every view, at which the squares'
-/// corners are seen where they were: Levenberg-Marquardt, where each view is eliminated (Schur complement) so that the
-/// equations are those of the squares alone. Wrong sightings have little weight (Cauchy's loss of the distance of a
-/// square's four corners). B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment - a modern
-/// synthesis", 2000.
+/// Finds the poses of the markers on the board, of all but the first, and of the board in every view, that agree best
+/// with the poses of single markers, each weighted by its whole covariance: depth and tilt are far less certain than
+/// the place in the image. Levenberg-Marquardt, where each view is eliminated (Schur complement), so that the equations
+/// are those of the markers alone, as in bundle adjustment (B. Triggs et al., "Bundle adjustment - a modern synthesis",
+/// 2000). Wrong sightings, as with a mirrored tilt, have little weight (Cauchy's loss).
 class BoardAdjustment {
  public:
-  /// @param squares and views with poses to start from; the first square stays where it is, and every square is in a
-  /// view with another
-  /// @param focal_length [px]
-  BoardAdjustment(std::vector<BoardSquare> squares, std::vector<BoardView> views, double focal_length)
-      : squares_(std::move(squares)), views_(std::move(views)), focal_length_(focal_length) {}
+  /// @param markers T_board_marker to start from; the first stays as it is, and each is in a view with another
+  /// @param views with poses of the board to start from
+  BoardAdjustment(std::vector<Eigen::Isometry3d> markers, std::vector<BoardView> views)
+      : markers_(std::move(markers)), views_(std::move(views)) {}
 
-  /// Finds the minimum, first with a loss that is wide enough for a rough start.
+  /// Finds the minimum. The loss is as wide as the median residual, at first that of the start.
   void solve() {
     for (int round = 0; round < kRounds; ++round) {
-      const double before = scale_px_;
-      scale_px_ = std::max(2 * median_px(), kLeastScale_px);
+      const double before = std::exchange(scale_, std::max(median_residual(), kLeastScale));
       minimise();
-      if (std::abs(scale_px_ - before) < 1e-3 * scale_px_) break;
+      if (std::abs(scale_ - before) < 1e-3 * scale_) break;
     }
   }
 
-  const std::vector<BoardSquare>& squares() const noexcept { return squares_; }
+  const std::vector<Eigen::Isometry3d>& markers() const noexcept { return markers_; }
   const std::vector<BoardView>& views() const noexcept { return views_; }
-
-  /// Root mean square distance of corners from where they should be, wrong sightings left out by their weight [px].
-  double residual_px() const {
-    double sum = 0, weights = 0;
-    for (const BoardView& view : views_)
-      for (const MarkerSighting& sighting : view.sightings) {
-        const double error2 = squared_norm(residual(view, sighting));
-        sum += weight(error2) * error2;
-        weights += 4 * weight(error2);
-      }
-    return std::sqrt(sum / weights);
+  /// How much a sighting counts: 1 where it agrees, near 0 where it is wrong.
+  double weight(const BoardView& view, const MarkerSighting& sighting) const {
+    return 1 / (1 + residual(view, sighting).squaredNorm() / (scale_ * scale_));
   }
 
-  /// Covariance of the squares' poses on the board, of all but the first, each a perturbation as in PoseEstimate, in
-  /// the board's frame. From the scatter of the residuals, of which those of successive views of a square are partly
-  /// the same.
+  /// Covariance of the poses on the board of all markers but the first, one after the other, each of a perturbation as
+  /// in PoseEstimate, in the board's frame. By the scatter of the residuals, which err alike in successive views.
   Eigen::MatrixXd covariance() const {
-    const Reduced reduced = reduce(0);
-    const Eigen::Index n = reduced.S.rows();
-    return residual_variance() * reduced.S.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    const Eigen::MatrixXd S = reduce(0).S;
+    return residual_variance() * S.ldlt().solve(Eigen::MatrixXd::Identity(S.rows(), S.cols()));
   }
 
  private:
-  static constexpr int kRounds = 10, kSteps = 50;
-  static constexpr double kLeastScale_px = 0.05;
+  static constexpr int kRounds = 20, kSteps = 50;
+  static constexpr double kLeastScale = 1e-3;  // of residuals without any noise
 
-  using Residual = Eigen::Matrix<double, 8, 1>;
-  using Jacobian = Eigen::Matrix<double, 8, 6>;
-
-  // The normal equations of the squares after the views are eliminated, and what gives the views' steps back.
+  // The normal equations of the markers after the views are eliminated, and what gives the steps of the views back.
   struct Reduced {
     Eigen::MatrixXd S;
     Eigen::VectorXd b;
-    std::vector<Eigen::LDLT<Matrix6d>> view_solvers;
-    std::vector<Vector6d> view_gradients;
-    std::vector<std::vector<Matrix6d>> couplings;  // by view and sighting: square by view
+    std::vector<Eigen::LDLT<Matrix6d>> solvers;      // of each view
+    std::vector<Vector6d> gradients;                 // of each view
+    std::vector<std::vector<Matrix6d>> couplings{};  // of each sighting: marker by view
   };
 
-  static double squared_norm(const Residual& e) { return e.squaredNorm(); }
-  // Of a sighting whose corners have this sum of squared distances.
-  double weight(double error2) const { return 1 / (1 + error2 / (4 * scale_px_ * scale_px_)); }
-
-  std::array<Vec3, 4> corners_on_board(const BoardSquare& square) const {
-    const double h = square.length / 2;
-    std::array<Vec3, 4> corners{Vec3(-h, h, 0), Vec3(h, h, 0), Vec3(h, -h, 0), Vec3(-h, -h, 0)};
-    for (Vec3& corner : corners) corner = transform(square.T_board_marker, corner);
-    return corners;
+  // From the pose that the board gives a marker to the one that was tracked, whitened.
+  Vector6d residual(const BoardView& view, const MarkerSighting& sighting) const {
+    const Eigen::Isometry3d T = view.T_camera_board * markers_[sighting.marker];
+    Vector6d error;
+    error << sighting.T_camera_marker.translation() - T.translation(),
+        so3_log(sighting.T_camera_marker.linear() * T.linear().transpose());
+    return sighting.whitening * error;
   }
 
-  Residual residual(const BoardView& view, const MarkerSighting& sighting) const {
-    Residual e;
-    const auto corners = corners_on_board(squares_[sighting.marker]);
-    for (std::size_t i = 0; i < 4; ++i) {
-      const Vec2 seen = image_point(transform(view.T_camera_board, corners[i]), focal_length_);
-      e.segment<2>(2 * static_cast<Eigen::Index>(i)) = Eigen::Vector2d(sighting.corners[i] - seen);
-    }
-    return e;
+  // How a marker's pose in the camera changes with that of the board in the camera.
+  Matrix6d by_view(const BoardView& view, const MarkerSighting& sighting) const {
+    const Vec3 lever = rotate(view.T_camera_board, translation(markers_[sighting.marker]));
+    Matrix6d J = Matrix6d::Identity();
+    for (int i = 0; i < 3; ++i)
+      J.block<3, 1>(0, 3 + i) = Eigen::Vector3d(cross(axis(Eigen::Isometry3d::Identity(), i), lever));
+    return sighting.whitening * J;
+  }
+  // And with that of the marker on the board.
+  static Matrix6d by_marker(const BoardView& view, const MarkerSighting& sighting) {
+    Matrix6d J = Matrix6d::Zero();
+    J.topLeftCorner<3, 3>() = J.bottomRightCorner<3, 3>() = view.T_camera_board.linear();
+    return sighting.whitening * J;
   }
 
-  // Derivatives of the corners' images by the perturbations of the board in the camera and of the square on the board.
-  void differentiate(const BoardView& view, const MarkerSighting& sighting, Jacobian& by_view,
-                     Jacobian& by_square) const {
-    const BoardSquare& square = squares_[sighting.marker];
-    const auto corners = corners_on_board(square);
-    const Eigen::Isometry3d& T = view.T_camera_board;
-    const Eigen::Isometry3d back = T.inverse();
-    for (std::size_t i = 0; i < 4; ++i) {
-      const Vec3 lever = rotate(T, corners[i]), X = lever + translation(T);
-      const Vec3 lever_on_board = corners[i] - translation(square.T_board_marker);
-      for (int k = 0; k < 2; ++k) {
-        const Vec3 g = image_gradient(k == 0 ? Vec2(1, 0) : Vec2(0, 1), X, focal_length_), on_board = rotate(back, g);
-        const Eigen::Index row = 2 * static_cast<Eigen::Index>(i) + k;
-        by_view.row(row) = Vector6d(Vec6(g, cross(lever, g))).transpose();
-        by_square.row(row) = Vector6d(Vec6(on_board, cross(lever_on_board, on_board))).transpose();
-      }
-    }
-  }
-
-  // @param damping share that is added to the diagonal
+  // @param damping share by which the diagonal is enlarged
   Reduced reduce(double damping) const {
-    const auto n = 6 * static_cast<Eigen::Index>(squares_.size() - 1);
-    Reduced r{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n), {}, {}, {}};
-    for (const BoardView& view : views_) add(view, damping, r);
-    return r;
+    const auto n = 6 * static_cast<Eigen::Index>(markers_.size() - 1);
+    Reduced reduced{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n), {}, {}, {}};
+    for (const BoardView& view : views_) add(view, damping, reduced);
+    return reduced;
   }
 
   void add(const BoardView& view, double damping, Reduced& r) const {
@@ -150,10 +112,9 @@ class BoardAdjustment {
     Vector6d g = Vector6d::Zero();
     std::vector<Matrix6d> couplings;
     for (const MarkerSighting& sighting : view.sightings) {
-      Jacobian V, M;
-      differentiate(view, sighting, V, M);
-      const Residual e = residual(view, sighting);
-      const double w = weight(e.squaredNorm());
+      const Matrix6d V = by_view(view, sighting), M = by_marker(view, sighting);
+      const Vector6d e = residual(view, sighting);
+      const double w = weight(view, sighting);
       A += w * V.transpose() * V;
       g += w * V.transpose() * e;
       couplings.push_back(w * M.transpose() * V);
@@ -173,8 +134,8 @@ class BoardAdjustment {
         if (const MarkerSighting& b = view.sightings[k]; b.marker != 0)
           r.S.block<6, 6>(at(a), at(b)) -= couplings[i] * solver.solve(Matrix6d(couplings[k].transpose()));
     }
-    r.view_solvers.push_back(solver);
-    r.view_gradients.push_back(g);
+    r.solvers.push_back(solver);
+    r.gradients.push_back(g);
     r.couplings.push_back(std::move(couplings));
   }
 
@@ -183,17 +144,15 @@ class BoardAdjustment {
   void minimise() {
     double damping = 1e-4, now = cost();
     for (int step = 0; step < kSteps && damping < 1e8; ++step) {
-      const auto squares = squares_;
+      const auto markers = markers_;
       const auto views = views_;
       move(reduce(damping));
       const double moved = cost();
       if (moved < now) {
-        const bool done = now - moved < 1e-10 * now;
-        now = moved;
         damping = std::max(damping / 10, 1e-9);
-        if (done) return;
+        if (std::exchange(now, moved) - moved < 1e-10 * moved) return;
       } else {
-        squares_ = squares;
+        markers_ = markers;
         views_ = views;
         damping *= 10;
       }
@@ -203,14 +162,14 @@ class BoardAdjustment {
   void move(const Reduced& r) {
     const Eigen::VectorXd by = r.S.ldlt().solve(r.b);
     for (std::size_t v = 0; v < views_.size(); ++v) {
-      Vector6d g = r.view_gradients[v];
+      Vector6d g = r.gradients[v];
       for (std::size_t i = 0; i < views_[v].sightings.size(); ++i)
         if (const MarkerSighting& s = views_[v].sightings[i]; s.marker != 0)
           g -= r.couplings[v][i].transpose() * by.segment<6>(at(s));
-      perturb(views_[v].T_camera_board, r.view_solvers[v].solve(g));
+      perturb(views_[v].T_camera_board, r.solvers[v].solve(g));
     }
-    for (std::size_t m = 1; m < squares_.size(); ++m)
-      perturb(squares_[m].T_board_marker, by.segment<6>(6 * static_cast<Eigen::Index>(m - 1)));
+    for (std::size_t m = 1; m < markers_.size(); ++m)
+      perturb(markers_[m], by.segment<6>(6 * static_cast<Eigen::Index>(m - 1)));
   }
 
   static void perturb(Eigen::Isometry3d& T, const Vector6d& by) {
@@ -222,46 +181,40 @@ class BoardAdjustment {
 
   double cost() const {
     double sum = 0;
-    const double c2 = 4 * scale_px_ * scale_px_;
     for (const BoardView& view : views_)
       for (const MarkerSighting& sighting : view.sightings)
-        sum += c2 * std::log1p(residual(view, sighting).squaredNorm() / c2);
+        sum += std::log1p(residual(view, sighting).squaredNorm() / (scale_ * scale_));
     return sum;
   }
 
-  // Median over the sightings of the root mean square distance of the corners.
-  double median_px() const {
-    std::vector<double> errors;
+  double median_residual() const {
+    std::vector<double> lengths;
     for (const BoardView& view : views_)
-      for (const MarkerSighting& sighting : view.sightings)
-        errors.push_back(std::sqrt(residual(view, sighting).squaredNorm() / 4));
-    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-    std::nth_element(errors.begin(), middle, errors.end());
+      for (const MarkerSighting& sighting : view.sightings) lengths.push_back(residual(view, sighting).norm());
+    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+    std::nth_element(lengths.begin(), middle, lengths.end());
     return *middle;
   }
 
-  // Of a coordinate of a corner [px^2], times the number of successive views of a square in which it errs alike.
+  // Variance of an element of the whitened residuals, times the number of successive views in which they err alike.
   double residual_variance() const {
-    double sum = 0, product = 0, coordinates = 0;
-    std::vector<Residual> last(squares_.size(), Residual::Zero());
+    double sum = 0, product = 0, elements = 0;
+    std::vector<Vector6d> last(markers_.size(), Vector6d::Zero());
     for (const BoardView& view : views_)
       for (const MarkerSighting& sighting : view.sightings) {
-        Residual e = residual(view, sighting);
-        e *= std::sqrt(weight(e.squaredNorm()));
+        const Vector6d e = std::sqrt(weight(view, sighting)) * residual(view, sighting);
         sum += e.squaredNorm();
-        product += e.dot(last[sighting.marker]);
-        coordinates += 8;
-        last[sighting.marker] = e;
+        product += e.dot(std::exchange(last[sighting.marker], e));
+        elements += 6;
       }
-    const double unknowns = 6 * static_cast<double>(squares_.size() - 1 + views_.size());
+    const double unknowns = 6 * static_cast<double>(markers_.size() - 1 + views_.size());
     const double correlation = std::clamp(product / sum, 0.0, 0.98);
-    return sum / std::max(coordinates - unknowns, 1.0) * (1 + correlation) / (1 - correlation);
+    return sum / std::max(elements - unknowns, 1.0) * (1 + correlation) / (1 - correlation);
   }
 
-  std::vector<BoardSquare> squares_;
+  std::vector<Eigen::Isometry3d> markers_;  // T_board_marker
   std::vector<BoardView> views_;
-  double focal_length_;
-  double scale_px_ = 1;  // of the loss: the distance of corners at which a sighting has half its weight
+  double scale_ = 1;  // of the loss: the residual at which a sighting has half its weight
 };
 
 }  // namespace evmarker

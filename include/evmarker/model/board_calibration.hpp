@@ -57,8 +57,7 @@ class BoardCalibrator {
     View view;
     for (std::size_t m = 0; m < ids_.size(); ++m)
       for (const PoseEstimate& pose : poses)
-        if (pose.id == ids_[m] && pose.quality.state == TrackingState::tracking)
-          view.push_back({{m, corners(pose.T_camera_marker)}, pose.T_camera_marker});
+        if (pose.id == ids_[m] && usable(pose)) view.push_back({m, pose.T_camera_marker, whitening(*pose.covariance)});
     if (view.size() < 2 || (!views_.empty() && alike(views_.back(), view))) return;
     views_.push_back(std::move(view));
   }
@@ -73,22 +72,16 @@ class BoardCalibrator {
                                " that are needed: move them longer");
     const std::vector<View> views = thinned();
     const std::vector<Eigen::Isometry3d> start = chain(views);
-    std::vector<BoardSquare> squares;
-    for (const Eigen::Isometry3d& T : start) squares.push_back({length_, T});
-    std::vector<BoardView> seen;
-    for (const View& view : views) seen.push_back(located(view, start));
-    BoardAdjustment adjustment(squares, std::move(seen), focal_length_);
+    std::vector<BoardView> located;
+    for (const View& view : views) located.push_back({view, locate(view, start)});
+    BoardAdjustment adjustment(start, std::move(located));
     adjustment.solve();
     require_variety(adjustment);
     return result(adjustment);
   }
 
  private:
-  struct Tracked {
-    MarkerSighting sighting;
-    Eigen::Isometry3d T_camera_marker;
-  };
-  using View = std::vector<Tracked>;
+  using View = std::vector<MarkerSighting>;
 
   // How two markers lie to each other, by the poses in one view.
   struct Link {
@@ -97,8 +90,17 @@ class BoardCalibrator {
   };
 
   static constexpr std::size_t kLeastViews = 20, kMostViews = 1000, kMostTried = 40;
-  static constexpr double kMoved_px = 2;  // between two views
+  static constexpr double kMoved_px = 1;  // between two views
   static constexpr double kLeastTurn_rad = 10 * std::numbers::pi / 180;
+
+  // A pose that may count: seen well enough that its covariance can be relied on.
+  static bool usable(const PoseEstimate& pose) {
+    return pose.quality.state == TrackingState::tracking && pose.covariance &&
+           Eigen::LLT<Matrix6d>(*pose.covariance).info() == Eigen::Success;
+  }
+  static Matrix6d whitening(const Matrix6d& covariance) {
+    return Eigen::LLT<Matrix6d>(covariance).matrixL().solve(Matrix6d::Identity());
+  }
 
   std::array<Vec2, 4> corners(const Eigen::Isometry3d& T_camera_marker) const {
     const double h = length_ / 2;
@@ -109,15 +111,17 @@ class BoardCalibrator {
     return image;
   }
 
-  static double distance_px(const std::array<Vec2, 4>& a, const std::array<Vec2, 4>& b) {
+  // How far the corners of a marker at one pose are from those at another in the image; the farthest of the four.
+  double distance_px(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) const {
+    const auto at_a = corners(a), at_b = corners(b);
     double farthest = 0;
-    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(a[i] - b[i]));
+    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(at_a[i] - at_b[i]));
     return farthest;
   }
 
-  static bool alike(const View& a, const View& b) {
-    return std::ranges::equal(a, b, [](const Tracked& x, const Tracked& y) {
-      return x.sighting.marker == y.sighting.marker && distance_px(x.sighting.corners, y.sighting.corners) < kMoved_px;
+  bool alike(const View& a, const View& b) const {
+    return std::ranges::equal(a, b, [&](const MarkerSighting& x, const MarkerSighting& y) {
+      return x.marker == y.marker && distance_px(x.T_camera_marker, y.T_camera_marker) < kMoved_px;
     });
   }
 
@@ -148,16 +152,16 @@ class BoardCalibrator {
     return poses;
   }
 
-  static const Tracked* find(const View& view, std::size_t marker) {
+  static const MarkerSighting* find(const View& view, std::size_t marker) {
     const auto found =
-        std::ranges::find_if(view, [&](const Tracked& tracked) { return tracked.sighting.marker == marker; });
+        std::ranges::find_if(view, [&](const MarkerSighting& sighting) { return sighting.marker == marker; });
     return found == view.end() ? nullptr : &*found;
   }
 
   static std::vector<Link> links(const std::vector<View>& views, std::size_t from, std::size_t to) {
     std::vector<Link> links;
     for (const View& view : views)
-      if (const Tracked* a = find(view, from), *b = find(view, to); a != nullptr && b != nullptr)
+      if (const MarkerSighting* a = find(view, from), *b = find(view, to); a != nullptr && b != nullptr)
         links.push_back({from, to, a->T_camera_marker.inverse() * b->T_camera_marker});
     return links;
   }
@@ -171,8 +175,9 @@ class BoardCalibrator {
     for (std::size_t i = 0; i < links.size(); i += every) {
       std::vector<double> errors;
       for (const View& view : views)
-        if (const Tracked* a = find(view, links[i].from), *b = find(view, links[i].to); a != nullptr && b != nullptr)
-          errors.push_back(distance_px(corners(a->T_camera_marker * links[i].T_from_to), b->sighting.corners));
+        if (const MarkerSighting* a = find(view, links[i].from), *b = find(view, links[i].to);
+            a != nullptr && b != nullptr)
+          errors.push_back(distance_px(a->T_camera_marker * links[i].T_from_to, b->T_camera_marker));
       const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
       std::nth_element(errors.begin(), middle, errors.end());
       if (best == nullptr || *middle < least) {
@@ -187,29 +192,30 @@ class BoardCalibrator {
     std::string names;
     for (std::size_t m = 0; m < ids_.size(); ++m)
       if (!placed[m]) names += (names.empty() ? "" : ", ") + std::to_string(ids_[m]);
+    const bool one = std::ranges::count(placed, false) == 1;
     const bool seen = std::ranges::any_of(views, [&](const View& view) {
-      return std::ranges::any_of(view, [&](const Tracked& t) { return !placed[t.sighting.marker]; });
+      return std::ranges::any_of(view, [&](const MarkerSighting& sighting) { return !placed[sighting.marker]; });
     });
-    return "marker " + names + (seen ? " was not tracked together with marker " : " was never tracked together with ") +
-           (seen ? std::to_string(ids_[0]) + ", or one that was, at " + std::to_string(kLeastViews) + " places"
-                 : "another one") +
-           ": show them side by side for longer";
+    names = (one ? "marker " : "markers ") + names + (one ? " was " : " were ");
+    const std::string how = seen ? "not tracked together with marker " + std::to_string(ids_[0]) +
+                                       ", or one that was, at " + std::to_string(kLeastViews) + " places"
+                                 : "never tracked together with another one";
+    return names + how + ": show them side by side for longer";
   }
 
   // Where the board is in a view: where that marker says by which all others are seen nearest to their places.
-  BoardView located(const View& view, const std::vector<Eigen::Isometry3d>& T_board_marker) const {
-    BoardView located;
+  Eigen::Isometry3d locate(const View& view, const std::vector<Eigen::Isometry3d>& T_board_marker) const {
+    Eigen::Isometry3d best = Eigen::Isometry3d::Identity();
     double least = std::numeric_limits<double>::infinity();
-    for (const Tracked& tracked : view) {
-      located.sightings.push_back(tracked.sighting);
-      const Eigen::Isometry3d T = tracked.T_camera_marker * T_board_marker[tracked.sighting.marker].inverse();
+    for (const MarkerSighting& by : view) {
+      const Eigen::Isometry3d T = by.T_camera_marker * T_board_marker[by.marker].inverse();
       double sum = 0;
-      for (const Tracked& other : view)
-        sum += distance_px(corners(T * T_board_marker[other.sighting.marker]), other.sighting.corners);
-      if (sum < least) located.T_camera_board = T;
+      for (const MarkerSighting& other : view)
+        sum += distance_px(T * T_board_marker[other.marker], other.T_camera_marker);
+      if (sum < least) best = T;
       least = std::min(least, sum);
     }
-    return located;
+    return best;
   }
 
   // Every marker must have been seen from directions that differ: from one direction, a wrong depth or tilt is the same
@@ -219,7 +225,7 @@ class BoardCalibrator {
       std::vector<Vec3> directions;
       for (const BoardView& view : adjustment.views())
         for (const MarkerSighting& sighting : view.sightings)
-          if (sighting.marker == m) directions.push_back(direction(view.T_camera_board, adjustment.squares()[m]));
+          if (sighting.marker == m) directions.push_back(direction(view.T_camera_board, adjustment.markers()[m]));
       Vec3 mean;
       for (const Vec3& d : directions) mean = mean + d;
       double farthest = 0;
@@ -235,16 +241,29 @@ class BoardCalibrator {
   }
 
   // Unit vector from a square to the camera, in the square's frame.
-  static Vec3 direction(const Eigen::Isometry3d& T_camera_board, const BoardSquare& square) {
-    const Vec3 camera = translation((T_camera_board * square.T_board_marker).inverse());
+  static Vec3 direction(const Eigen::Isometry3d& T_camera_board, const Eigen::Isometry3d& T_board_marker) {
+    const Vec3 camera = translation((T_camera_board * T_board_marker).inverse());
     return camera / norm(camera);
   }
 
+  double residual_px(const BoardAdjustment& adjustment) const {
+    double sum = 0, weights = 0;
+    for (const BoardView& view : adjustment.views())
+      for (const MarkerSighting& sighting : view.sightings) {
+        const auto seen = corners(sighting.T_camera_marker),
+                   expected = corners(view.T_camera_board * adjustment.markers()[sighting.marker]);
+        const double weight = adjustment.weight(view, sighting);
+        for (std::size_t i = 0; i < 4; ++i) sum += weight * squared_norm(seen[i] - expected[i]);
+        weights += 4 * weight;
+      }
+    return std::sqrt(sum / weights);
+  }
+
   BoardCalibration result(const BoardAdjustment& adjustment) const {
-    BoardCalibration result{{}, adjustment.views().size(), adjustment.residual_px()};
+    BoardCalibration result{{}, adjustment.views().size(), residual_px(adjustment)};
     const Eigen::MatrixXd P = adjustment.covariance();
     for (std::size_t m = 0; m < ids_.size(); ++m) {
-      CalibratedMarker marker{ids_[m], adjustment.squares()[m].T_board_marker, 0, 0, 0};
+      CalibratedMarker marker{ids_[m], adjustment.markers()[m], 0, 0, 0};
       if (m > 0) {
         const auto at = 6 * static_cast<Eigen::Index>(m - 1);
         marker.sigma_m = std::sqrt(P.diagonal().segment<3>(at).sum());
