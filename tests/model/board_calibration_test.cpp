@@ -215,6 +215,7 @@ TEST_CASE("a cube is measured to 0.2 mm and 0.1 deg from a recording, and tracke
 
   Tracker tracker(simulated::camera, detector);
   BoardCalibrator calibrator = ::calibrator();
+  AccuracyMeter single;
   Timestamp next = 0;
   for (const Event& event : events) {
     for (; event.t >= next; next += 10000) {
@@ -223,8 +224,12 @@ TEST_CASE("a cube is measured to 0.2 mm and 0.1 deg from a recording, and tracke
         poses.push_back(marker.pose_at(std::max(next, marker.estimate().t), next));
       calibrator.add(poses);
     }
-    tracker.push(event);
+    for (const PoseEstimate& pose : tracker.push(event))
+      single.add(pose, motion(simulated::seconds(pose.t)) *
+                           board.markers[static_cast<std::size_t>(pose.id - 1)].T_board_marker);
   }
+  CHECK(single.tracking() > 10000);
+  CHECK(single.wild() == 0);  // no marker that turns away sticks to what is behind it
   const BoardCalibration calibration = calibrator.solve();
   const CalibrationError error = worst_error(calibration, board);
   MESSAGE("worst of four markers: " << error.mm << " mm " << error.deg << " deg, " << error.sigmas
