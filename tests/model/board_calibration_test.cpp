@@ -186,7 +186,7 @@ TEST_CASE("what does not determine a board is refused in a sentence that says wh
                 }) ==
         "markers 2, 4 were not tracked together with marker 1, or one that was, at 20 places: show them side by side "
         "for longer");
-  CHECK(refused(calibrator(), [&](double) { return all(4); }) ==
+  CHECK(refused(calibrator(), [at_rest = all(4)](double) { return at_rest; }) ==
         "two of the markers or more were tracked together at only 1 places, of the 20 that are needed: move them "
         "longer");
   CHECK(refused(calibrator(), [&](double s) {

@@ -32,7 +32,7 @@ PoseAverage average_of(const Isometry3d& truth, unsigned seed, int count, int la
     PoseEstimate pose{.T_camera_marker = truth, .quality = {}};
     pose.T_camera_marker.translation() += size * kSigma.cwiseProduct(by).head<3>();
     pose.T_camera_marker.linear() = so3_exp(size * kSigma.cwiseProduct(by).tail<3>()) * truth.linear();
-    if (wrong) pose.T_camera_marker.rotate(Eigen::AngleAxisd(0.8, Eigen::Vector3d::UnitX()));
+    if (wrong) pose.T_camera_marker.rotate(Eigen::AngleAxisd(1.2, Eigen::Vector3d::UnitX()));
     if (with_covariance) pose.covariance = (size * kSigma).cwiseAbs2().asDiagonal();
     average.add(pose);
   }

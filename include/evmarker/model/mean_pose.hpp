@@ -26,8 +26,8 @@ struct MeanPose {
 };
 
 /// Averages poses in the order of their times, each weighted by its whole covariance, or all alike if one has none.
-/// Wrong poses have next to no weight (the loss of Geman and McClure, as wide as the median residual). The covariance
-/// is by the scatter of twenty parts of the time, since poses that follow each other err alike.
+/// Wrong poses have next to no weight (the loss of Geman and McClure, twice as wide as the median residual). The
+/// covariance is by the scatter of twenty parts of the time, since poses that follow each other err alike.
 /// @throws std::invalid_argument if there are none
 class PoseAverage {
  public:
@@ -47,10 +47,9 @@ class PoseAverage {
     for (const Sample& sample : poses_)
       information.push_back(weighted_ ? Matrix6d(sample.covariance.llt().solve(Matrix6d::Identity())) : alike());
     double scale2 = 0;
-    Matrix6d H;
     for (int round = 0; round < kRounds; ++round) {
-      scale2 = median_square(mean.T, information);
-      H.setZero();
+      scale2 = loss_width2(mean.T, information);
+      Matrix6d H = Matrix6d::Zero();
       Vector6d g = Vector6d::Zero();
       for (std::size_t i = 0; i < poses_.size(); ++i) {
         const Vector6d e = error(mean.T, poses_[i].T);
@@ -64,7 +63,7 @@ class PoseAverage {
       orthonormalize(mean.T);
       if (step.norm() < 1e-12) break;
     }
-    describe(mean, H, information, scale2);
+    describe(mean, information, scale2);
     return mean;
   }
 
@@ -89,8 +88,11 @@ class PoseAverage {
     return e;
   }
 
+  static double share(const Vector6d& e, const Matrix6d& information, double scale2) {
+    return 1 / (1 + e.dot(information * e) / scale2);
+  }
   static double weight(const Vector6d& e, const Matrix6d& information, double scale2) {
-    const double root = 1 / (1 + e.dot(information * e) / scale2);
+    const double root = share(e, information, scale2);
     return root * root;
   }
 
@@ -111,7 +113,8 @@ class PoseAverage {
     return best;
   }
 
-  double median_square(const Eigen::Isometry3d& T, const std::vector<Matrix6d>& information) const {
+  // Square of the width of the loss: twice the median residual.
+  double loss_width2(const Eigen::Isometry3d& T, const std::vector<Matrix6d>& information) const {
     std::vector<double> squares;
     for (std::size_t i = 0; i < poses_.size(); ++i) {
       const Vector6d e = error(T, poses_[i].T);
@@ -119,20 +122,23 @@ class PoseAverage {
     }
     const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
     std::nth_element(squares.begin(), middle, squares.end());
-    return std::max(*middle, 1e-12);
+    return 4 * std::max(*middle, 1e-12);
   }
 
-  // Sets covariance and spread. With fewer poses than parts, each is a part.
-  void describe(MeanPose& mean, const Matrix6d& H, const std::vector<Matrix6d>& information, double scale2) const {
+  // Sets covariance and spread. The covariance is A^-1 G A^-1 with the derivative A of the weighted sum of residuals by
+  // the mean and the scatter G of the parts of that sum; with fewer poses than parts, each is a part.
+  void describe(MeanPose& mean, const std::vector<Matrix6d>& information, double scale2) const {
     const std::size_t parts = std::min(kParts, poses_.size());
-    Matrix6d G = Matrix6d::Zero();
+    Matrix6d G = Matrix6d::Zero(), A = Matrix6d::Zero();
     double sum = 0;
     for (std::size_t part = 0, i = 0; part < parts; ++part) {
       Vector6d g = Vector6d::Zero();
       for (; i < (part + 1) * poses_.size() / parts; ++i) {
         const Vector6d e = error(mean.T, poses_[i].T);
         const double w = weight(e, information[i], scale2);
-        g += w * information[i] * e;
+        const Vector6d pull = information[i] * e;
+        A += w * information[i] - 4 / scale2 * w * share(e, information[i], scale2) * pull * pull.transpose();
+        g += w * pull;
         sum += w;
         mean.spread_m += w * e.head<3>().squaredNorm();
         mean.spread_rad += w * e.tail<3>().squaredNorm();
@@ -141,7 +147,7 @@ class PoseAverage {
     }
     mean.spread_m = std::sqrt(mean.spread_m / sum);
     mean.spread_rad = std::sqrt(mean.spread_rad / sum);
-    const Matrix6d inverse = H.llt().solve(Matrix6d::Identity());
+    const Matrix6d inverse = A.ldlt().solve(Matrix6d::Identity());
     const double n = static_cast<double>(parts);
     mean.covariance = parts > 1 ? Matrix6d(n / (n - 1) * inverse * G * inverse)
                                 : Matrix6d::Constant(std::numeric_limits<double>::infinity());
