@@ -39,12 +39,12 @@ enum class LossReason {
   none,            ///< it is not lost
   hidden,          ///< its moving edges make no events
   left_image,      ///< its centre is out of the image, or part of it behind the camera
-  turned_away,     ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
   inconsistent,    ///< too few of the events near it fit its edges
   verification,    ///< tracking backwards did not lead back to an earlier pose, Eqs. (13), (14)
   replaced,        ///< it was detected elsewhere
   events_missing,  ///< a gap in the events was too long to predict its motion
-  not_confirmed    ///< it never reached the state `tracking`
+  not_confirmed,   ///< it never reached the state `tracking`
+  turned_away      ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
 };
 inline constexpr std::size_t kLossReasons = 9;
 
@@ -53,12 +53,12 @@ constexpr const char* to_string(LossReason reason) noexcept {
     case LossReason::none: return "none";
     case LossReason::hidden: return "hidden";
     case LossReason::left_image: return "left_image";
-    case LossReason::turned_away: return "turned_away";
     case LossReason::inconsistent: return "inconsistent";
     case LossReason::verification: return "verification";
     case LossReason::replaced: return "replaced";
     case LossReason::events_missing: return "events_missing";
     case LossReason::not_confirmed: return "not_confirmed";
+    case LossReason::turned_away: return "turned_away";
   }
   return "?";
 }
