@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <evmarker/live/pipeline.hpp>
 #include <map>
+#include <span>
 #include <string>
 
 #include "track_options.hpp"
@@ -16,8 +17,8 @@ struct LiveOptions : TrackOptions {
 
   void add_to(CLI::App& app) {
     TrackOptions::add_to(app);
-    app.get_option("--output")->description("poses of every marker as CSV (also --poses)");
-    app.add_option("--poses", output, "poses of every marker as CSV")->excludes("--output");
+    app.get_option("--output")->description("poses of every marker (also --poses)");
+    app.add_option("--poses", output, "poses of every marker")->excludes("--output");
     app.add_option("--policy", policy, "when events come too fast: block, drop-oldest or thin")
         ->check(CLI::IsMember({"block", "drop-oldest", "thin"}))
         ->capture_default_str();
@@ -34,15 +35,24 @@ struct LiveOptions : TrackOptions {
     return priority == "normal" ? TrackingPriority::normal : TrackingPriority::automatic;
   }
 
+  /// @param output_poses takes the poses at a fixed rate, if they are wanted so
   template <evmarker::PoseUpdateRule Rule>
-  evmarker::live::PipelineSettings<Rule> pipeline_settings(const typename Rule::Settings& rule) const {
+  evmarker::live::PipelineSettings<Rule> pipeline_settings(const typename Rule::Settings& rule,
+                                                           PoseOutput& output_poses) const {
     using evmarker::live::OverloadPolicy;
     const std::map<std::string, OverloadPolicy> policies{
         {"block", OverloadPolicy::block}, {"drop-oldest", OverloadPolicy::drop_oldest}, {"thin", OverloadPolicy::thin}};
-    return {.tracker = settings<Rule>(rule),
-            .overload = policies.at(policy),
-            .queue_events = queue_events,
-            .priority = tracking_priority()};
+    evmarker::live::PipelineSettings<Rule> pipeline{.tracker = settings<Rule>(rule),
+                                                    .overload = policies.at(policy),
+                                                    .queue_events = queue_events,
+                                                    .priority = tracking_priority()};
+    if (const auto every = interval()) {
+      pipeline.tick_interval = *every;
+      pipeline.on_tick = [&output_poses](evmarker::Timestamp, std::span<const evmarker::PoseEstimate> poses) {
+        output_poses.write(poses);
+      };
+    }
+    return pipeline;
   }
 };
 

@@ -34,7 +34,6 @@ struct ReplayOptions : LiveOptions {
   double speed = 1, detect_for_s = 0;
   int packet_us = 100;
   bool find_first = false;
-  int tick_us = 0;
   std::string triggers, delays;
   TextOptions text;
 
@@ -51,8 +50,6 @@ struct ReplayOptions : LiveOptions {
         ->check(console::positive_number());
     app.add_flag("--find-first", find_first,
                  "a twentieth as fast until a marker is tracked: to see an overload from then on");
-    app.add_option("--tick-us", tick_us, "write poses every so often, moved on to that time, not one for each update")
-        ->check(CLI::Range(1, 1000000000));
     app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
     app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
   }
@@ -117,17 +114,14 @@ class Outputs {
  public:
   // Opens the files, so that one that cannot be written is reported before the recording is played.
   Outputs(const ReplayOptions& options, io::PoseColumns columns)
-      : poses_(options.open_output(columns)),
+      : poses_(options, options.track_one(), columns),
         trigger_file_(open(options.triggers)),
         delay_file_(open(options.delays)) {}
 
-  void write(const PoseEstimate& pose) {
-    if (poses_) poses_->write(pose);
-  }
+  PoseOutput& poses() { return poses_; }
   /// What is in the files.
   std::vector<std::string> kept(const ReplayOptions& options) const {
-    std::vector<std::string> files;
-    if (poses_) files.push_back(std::to_string(poses_->poses_written()) + " poses in " + options.output);
+    std::vector<std::string> files = poses_.kept();
     if (delay_file_) files.push_back(std::to_string(deliveries_.size()) + " delays in " + options.delays);
     if (trigger_file_) files.push_back(options.triggers);
     return files;
@@ -140,7 +134,7 @@ class Outputs {
   }
 
   void close(const Pace& pace, live::Clock::time_point start) {
-    if (poses_) poses_->close();
+    poses_.close();
     complete(trigger_file_, triggers_);
     complete(delay_file_, delay_table(pace, start));
   }
@@ -174,7 +168,7 @@ class Outputs {
     return text;
   }
 
-  std::optional<io::PoseCsvWriter> poses_;
+  PoseOutput poses_;
   std::optional<io::OutputFile> trigger_file_, delay_file_;
   std::string triggers_ = "t_us,id,rising\n";
   std::vector<Delivery> deliveries_;
@@ -257,13 +251,8 @@ double play(const ReplayOptions& options, io::EventReader& recording, Pace& pace
 template <PoseUpdateRule Rule>
 live::PipelineSettings<Rule> settings(const ReplayOptions& options, const typename Rule::Settings& rule,
                                       Outputs& outputs) {
-  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule);
+  live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule, outputs.poses());
   settings.on_trigger = [&](const TriggerEvent& trigger) { outputs.add(trigger); };
-  if (options.tick_us == 0) return settings;
-  settings.tick_interval = std::chrono::microseconds(options.tick_us);
-  settings.on_tick = [&](Timestamp, std::span<const PoseEstimate> poses) {
-    for (const PoseEstimate& pose : poses) outputs.write(pose);
-  };
   return settings;
 }
 
@@ -280,7 +269,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
       camera, detector,
       [&](const PoseEstimate& pose) {
         outputs.add_delivery(pose.t);
-        if (options.tick_us == 0) outputs.write(pose);
+        outputs.poses().write(pose);
       },
       settings<Rule>(options, rule, outputs));
 
@@ -299,6 +288,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   if (!interrupted) recording_checks::require_sane(recording, options.recording, options.camera, true);
   pipeline.stop();
   outputs.close(pace, start);
+  outputs.poses().print();
   print(options, pipeline.status(), pipeline.latency(), wall.count());
   if (interrupted) interruption::end(recorded_s, outputs.kept(options));
 }

@@ -30,7 +30,7 @@ namespace {
 struct Options {
   std::string recording, camera, truth, board, dictionary, motion = "handheld";
   std::vector<int> ids{7}, size{640, 480};
-  std::vector<double> black{0.08}, white{0.85};
+  std::vector<double> black{0.08}, white{0.85}, turn_deg;
   MarkerLengths lengths;
   double focal_px = 533, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3, move_s = 0.5, rest_s = 0.5;
   Distortion lens;
@@ -75,6 +75,14 @@ struct Options {
     app.add_option("--sway", sway_m, "how far they move to each side [m]")
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
+    app.add_option(
+           "--turn", turn_deg,
+           "how far they turn to each side in a hand, about the camera's x, y and z axes, as 120,120,20 to show "
+           "all sides of a body [deg]")
+        ->delimiter(',')
+        ->expected(3)
+        ->check(CLI::Range(0.0, 1e4))
+        ->default_str("14.3,14.3,20.1");
     app.add_option("--frequency", frequency_hz, "of the motion [Hz]")->capture_default_str();
     app.add_option("--move", move_s, "of stop-and-go, each time for so long [s]")
         ->check(console::positive_number())
@@ -137,10 +145,13 @@ struct Target {
 // Of what is `x` metres beside the middle.
 Trajectory make_motion(const Options& o, std::size_t place, double x) {
   const Eigen::Isometry3d centre = facing_pose({x, 0, o.distance_m});
-  const Trajectory sway = trajectory::handheld({.T_centre = centre,
-                                                .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
-                                                .frequency_hz = o.frequency_hz,
-                                                .seed = o.sensor.seed + place});
+  trajectory::Handheld hand{.T_centre = centre,
+                            .amplitude_m = {o.sway_m, 0.8 * o.sway_m, o.sway_m},
+                            .frequency_hz = o.frequency_hz,
+                            .seed = o.sensor.seed + place};
+  if (!o.turn_deg.empty())
+    hand.amplitude_rad = std::numbers::pi / 180 * Eigen::Vector3d(o.turn_deg[0], o.turn_deg[1], o.turn_deg[2]);
+  const Trajectory sway = trajectory::handheld(hand);
   if (o.motion == "spin") return trajectory::spin(centre, {0, 0, 1}, 2 * std::numbers::pi * o.frequency_hz);
   if (o.motion == "linear") {
     const double speed = 2 * o.sway_m / o.sensor.duration_s;

@@ -49,8 +49,8 @@ struct CameraOptions : LiveOptions {
   }
 
   template <PoseUpdateRule Rule>
-  live::PipelineSettings<Rule> camera_settings(const typename Rule::Settings& rule) const {
-    live::PipelineSettings<Rule> settings = pipeline_settings<Rule>(rule);
+  live::PipelineSettings<Rule> camera_settings(const typename Rule::Settings& rule, PoseOutput& poses) const {
+    live::PipelineSettings<Rule> settings = pipeline_settings<Rule>(rule, poses);
     if (!every_event) return settings;
     settings.overload = live::OverloadPolicy::block;
     settings.wait_for_detector = true;
@@ -195,15 +195,15 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
   const std::string name = options.recording.empty() ? "camera" : options.recording;
   OpenEbSource source(options.recording, options.serial, !options.every_event);
   recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera);
-  auto output = options.open_output(columns);
+  PoseOutput output(options, options.track_one(), columns);
 
   live::Pipeline pipeline(
       camera, detector,
       [&](const PoseEstimate& pose) {
-        if (output) output->write(pose);
+        output.write(pose);
         display.add(pose);
       },
-      options.camera_settings<Rule>(rule));
+      options.camera_settings<Rule>(rule, output));
   source.start([&](const Metavision::EventCD* begin, const Metavision::EventCD* end) {
     pipeline.push(begin, end);
     display.add(begin, end);
@@ -220,15 +220,13 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
   source.stop();
   pipeline.flush();
   pipeline.stop();
-  if (output) output->close();  // after a failure of the camera, too: what was tracked until then is right
+  output.close();  // after a failure of the camera, too: what was tracked until then is right
   if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
   if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and gave no reason");
   if (!interrupted) std::printf("ended: %s\n", ended ? "end of the file" : "window closed");
+  output.print();
   print_last_line(pipeline.status());
-  if (!interrupted) return;
-  std::vector<std::string> kept;
-  if (output) kept.push_back(std::to_string(output->poses_written()) + " poses in " + options.output);
-  interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), kept);
+  if (interrupted) interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), output.kept());
 }
 
 }  // namespace

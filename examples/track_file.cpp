@@ -17,6 +17,7 @@
 #include "interruption.hpp"
 #include "recording_checks.hpp"
 #include "text_options.hpp"
+#include "timed_poses.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
 #include "viewer.hpp"
@@ -73,7 +74,8 @@ class Run {
         recording_(
             recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout())) {
     if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
-    output_ = options.open_output(columns);
+    output_.emplace(options, options.track_one() || !options.wireframe.empty(), columns);
+    if (const auto interval = options.interval()) ticks_.emplace(*interval, std::chrono::seconds(1));
   }
 
   /// @param model_of gives the model of a marker's id
@@ -93,8 +95,9 @@ class Run {
       if (truth_) summary_.require_compared(options_.truth);
     }
     viewer_.finish(tracker, model_of);
-    if (output_) output_->close();
+    output_->close();
     summary_.print(statistics, tracker.statistics(), wall.count());
+    output_->print();
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
     if (summary_.poses() == 0) throw console::Exit(kNothingFound, if_none);
   }
@@ -103,8 +106,7 @@ class Run {
   static constexpr int kNothingFound = 2;
 
   std::vector<std::string> kept() const {
-    std::vector<std::string> files;
-    if (output_) files.push_back(std::to_string(output_->poses_written()) + " poses in " + options_.output);
+    std::vector<std::string> files = output_->kept();
     for (const std::string& file : {options_.view.overlay, options_.view.video})
       if (!file.empty()) files.push_back(file);
     return files;
@@ -119,11 +121,7 @@ class Run {
       for (std::span<const Event> left = batch; !left.empty();) {
         viewer_.advance(left.front().t, tracker, model_of);
         const std::span<const Event> until_frame = viewer_.before_next_frame(left);
-        tracker.push(until_frame, [&](const PoseEstimate& pose) {
-          if (output_) output_->write(pose);
-          summary_.add(pose, truth_ ? truth_->at(pose.id, pose.t) : std::nullopt);
-          viewer_.add(pose);
-        });
+        push(tracker, until_frame);
         left = left.subspan(until_frame.size());
       }
       summary_.add(batch);
@@ -131,11 +129,26 @@ class Run {
     }
   }
 
+  template <typename AnyTracker>
+  void push(AnyTracker& tracker, std::span<const Event> events) {
+    const auto use = [&](const PoseEstimate& pose) {
+      output_->write(pose);
+      summary_.add(pose, truth_ ? truth_->at(pose.id, pose.t) : std::nullopt);
+      viewer_.add(pose);
+    };
+    if (ticks_)
+      push_with_ticks(*ticks_, tracker, events, use,
+                      [&](Timestamp, std::span<const PoseEstimate> poses) { output_->write(poses); });
+    else
+      tracker.push(events, use);
+  }
+
   const TrackFileOptions& options_;
   Viewer viewer_;
   io::EventReader recording_;
   std::optional<io::GroundTruth> truth_;
-  std::optional<io::PoseCsvWriter> output_;
+  std::optional<PoseOutput> output_;
+  std::optional<TickTimes> ticks_;
   TrackSummary summary_;
 };
 

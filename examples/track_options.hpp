@@ -3,10 +3,8 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <evmarker/evmarker.hpp>
-#include <evmarker/io/pose_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/board.hpp>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -14,9 +12,10 @@
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "marker_lengths.hpp"
+#include "pose_output.hpp"
 
-struct TrackOptions {
-  std::string recording, camera, dictionary, update = "kalman", output;
+struct TrackOptions : PoseOutputOptions {
+  std::string recording, camera, dictionary, update = "kalman";
   MarkerLengths lengths;
   std::vector<std::string> boards;
   std::vector<int> ids;
@@ -45,7 +44,7 @@ struct TrackOptions {
                    "noise filter: age of a supporting event; auto: by the noise that there is")
         ->transform(console::automatic_or_up_to(480000000))
         ->default_str(console::automatic_or(filter_window_us));
-    app.add_option("--output", output, "poses of every marker as CSV");
+    PoseOutputOptions::add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes());
   }
@@ -80,10 +79,11 @@ struct TrackOptions {
                                    loaded.boards);
   }
 
-  /// Where the poses are written, if they are.
-  std::optional<evmarker::io::PoseCsvWriter> open_output(evmarker::io::PoseColumns columns) const {
-    if (output.empty()) return std::nullopt;
-    return evmarker::io::PoseCsvWriter(output, columns);
+  /// True if the options name a single marker or board.
+  bool track_one() const {
+    const std::size_t several = 2, of_known_length = lengths.file().empty() ? lengths.own().size() : several;
+    const std::size_t markers = !ids.empty() ? ids.size() : lengths.common() > 0 ? several : of_known_length;
+    return boards.size() + markers == 1;
   }
 
  private:

@@ -49,9 +49,9 @@ using namespace evmarker::io::test;
 namespace {
 
 const std::map<std::string, std::string> kPrograms{
-    {"quickstart", EVMARKER_QUICKSTART},  {"paper", EVMARKER_PAPER},       {"simulate", EVMARKER_SIMULATE},
-    {"track_file", EVMARKER_TRACK_FILE},  {"evaluate", EVMARKER_EVALUATE}, {"replay", EVMARKER_REPLAY},
-    {"print_board", EVMARKER_PRINT_BOARD}};
+    {"quickstart", EVMARKER_QUICKSTART},   {"paper", EVMARKER_PAPER},          {"simulate", EVMARKER_SIMULATE},
+    {"track_file", EVMARKER_TRACK_FILE},   {"evaluate", EVMARKER_EVALUATE},    {"replay", EVMARKER_REPLAY},
+    {"print_board", EVMARKER_PRINT_BOARD}, {"make_board", EVMARKER_MAKE_BOARD}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -461,7 +461,7 @@ TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed ra
   writer.close();
   const Result result =
       run(folder, "replay triggers.raw" + kOptions +
-                      " --speed 0.25 --policy block --triggers t.csv --delays d.csv --tick-us 5000 --poses p.csv");
+                      " --speed 0.25 --policy block --triggers t.csv --delays d.csv --rate 200 --poses p.csv");
   REQUIRE_MESSAGE(result.code == 0, result.err);
   REQUIRE(next > 500000);
   CHECK(read_file(folder / "t.csv") == triggers);
@@ -567,6 +567,148 @@ TEST_CASE("examples: markers of several lengths are simulated and tracked, each 
       CHECK(error.deg < 2);
     }
   }
+}
+
+namespace {
+
+/// T_first_second from rows of one time.
+Eigen::Isometry3d between(const Row& first, const Row& second) {
+  const Eigen::Isometry3d T_first = Eigen::Translation3d(first.translation) * first.rotation,
+                          T_second = Eigen::Translation3d(second.translation) * second.rotation;
+  return T_first.inverse() * T_second;
+}
+
+double number_after(const std::string& text, const std::string& before, int number = 0) {
+  std::istringstream in(text.substr(text.find(before) + before.size()));
+  double value = 0;
+  for (char separator = 0; number >= 0; --number) {
+    in >> value;
+    if (number > 0) in >> separator;
+  }
+  return value;
+}
+
+/// Markers 1 and 2 side by side on a plate that turns, with its truth.
+const TemporaryFolder& turning_plate() {
+  static const TemporaryFolder folder;
+  static const bool made = [] {
+    write_file(folder / "board.yml", kBoard);
+    const Result result = run(folder,
+                              "simulate b.raw --board board.yml --truth truth.csv --distance 0.4 --turn 40,40,20 "
+                              "--frequency 0.8 --duration 1.5 --noise 0.3");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    return true;
+  }();
+  REQUIRE(made);
+  return folder;
+}
+
+}  // namespace
+
+TEST_CASE("examples: make_board measures a board with which the body is tracked as with the true one") {
+  const TemporaryFolder& folder = turning_plate();
+  const std::string make = "make_board b.raw --camera b.yml --marker-length 0.05 --ids 1,2";
+  const Result made = run(folder, make + " --output made.yml --board-id 55");
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  CHECK(made.err.empty());
+  CHECK_MESSAGE(contains(made.out, "instants, corners within 0."), made.out);
+  const std::string board = read_file(folder / "made.yml");
+  CHECK(board.starts_with(
+      "board: 55\nmarkers:\n  - { id: 1, length: 0.05, rotation: [0, 0, 0], translation: [0, 0, 0] }"));
+  const auto second = [](const std::string& text, const char* what, int i) {
+    return number_after(text.substr(text.find("id: 2")), what, i);
+  };
+  for (int i = 0; i < 3; ++i) {  // 8 cm to the right
+    CHECK(second(board, "translation: [", i) == doctest::Approx(i == 0 ? 0.08 : 0).epsilon(3e-4).scale(1));
+    CHECK(std::abs(second(board, "rotation: [", i)) < 0.006);
+  }
+  const Result by_second = run(folder, make + " --output by_second.yml --origin 2");
+  REQUIRE_MESSAGE(by_second.code == 0, by_second.err);
+  const std::string other = read_file(folder / "by_second.yml");
+  CHECK(other.find("id: 2") < other.find("id: 1"));
+
+  const Result tracked = run(folder, "track_file b.raw --camera b.yml --board made.yml --output poses.csv");
+  REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
+  auto truth = read_table(read_file(folder / "truth.csv"));
+  for (Row& row : truth) row.translation += row.rotation * Eigen::Vector3d(-0.04, 0, 0);  // of marker 1
+  const MeanError error = mean_tracking_error(read_table(read_file(folder / "poses.csv")), truth);
+  REQUIRE(error.poses > 1000);
+  CHECK(error.mm < 0.5);
+  CHECK(error.deg < 0.5);
+}
+
+TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other's frame, and as TUM") {
+  const TemporaryFolder& folder = turning_plate();
+  const std::string track = "track_file b.raw --camera b.yml --marker-length 0.05 --ids 1,2";
+  const auto rows_of = [&](const std::string& options) {
+    const Result result = run(folder, track + options + " --output rows.csv");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    return read_table(read_file(folder / "rows.csv"));
+  };
+  const auto at_rate = rows_of(" --rate 250"), of_camera = rows_of(" --rate 250 --frame board");
+  const auto truth = read_table(read_file(folder / "truth.csv"));
+  REQUIRE(at_rate.size() > 500);
+  REQUIRE(of_camera.size() == at_rate.size());
+  std::size_t tracking = 0;
+  for (std::size_t i = 0; i < at_rate.size(); ++i) {
+    CHECK(static_cast<long>(at_rate[i].t_us) % 4000 == 0);
+    CHECK(of_camera[i].t_us == at_rate[i].t_us);
+    CHECK(of_camera[i].id == at_rate[i].id);
+    const Eigen::Vector3d back = -(at_rate[i].rotation.conjugate() * at_rate[i].translation);
+    CHECK((of_camera[i].translation - back).norm() < 1e-9);
+    CHECK(of_camera[i].rotation.angularDistance(at_rate[i].rotation.conjugate()) < 1e-6);
+    if (at_rate[i].state != "tracking" || at_rate[i].id != "1") continue;
+    ++tracking;
+    const Row& board = truth.at(static_cast<std::size_t>(at_rate[i].t_us / 1000));
+    CHECK((at_rate[i].translation - board.translation - board.rotation * Eigen::Vector3d(-0.04, 0, 0)).norm() < 8e-3);
+  }
+  CHECK(tracking > 250);
+
+  const Result relative = run(folder, track + " --relative 1,2 --output rel.csv");
+  REQUIRE_MESSAGE(relative.code == 0, relative.err);
+  const auto in_first = read_table(read_file(folder / "rel.csv"));
+  REQUIRE(in_first.size() > 100);
+  for (const Row& row : in_first) {
+    CHECK(row.id == "2");
+    CHECK(row.state == "tracking");
+    CHECK(static_cast<long>(row.t_us) % 10000 == 0);
+    std::vector<Row> both;
+    for (const Row& single : at_rate)
+      if (single.t_us == row.t_us) both.push_back(single);
+    if (static_cast<long>(row.t_us) % 4000 != 0) continue;
+    REQUIRE(both.size() == 2);
+    const bool in_order = both[0].id == "1";
+    const Eigen::Isometry3d T = between(both[in_order ? 0 : 1], both[in_order ? 1 : 0]);
+    CHECK((row.translation - T.translation()).norm() < 1e-9);
+  }
+  for (int i = 0; i < 3; ++i)
+    CHECK(std::abs(number_after(relative.out, "translation: [", i) - (i == 0 ? 0.08 : 0)) < 3e-4);
+  CHECK_MESSAGE(number_after(relative.out, "standard error ") < 0.3, relative.out);
+
+  const Result tum = run(folder, track + " --format tum --rate 250 --output poses.txt");
+  REQUIRE_MESSAGE(tum.code == 0, tum.err);
+  CHECK_FALSE(std::filesystem::exists(folder / "poses.txt"));
+  for (const char* id : {"1", "2"}) {
+    std::string expected_t;
+    for (const Row& row : at_rate)
+      if (row.id == id && row.state == "tracking") {
+        char text[32];
+        std::snprintf(text, sizeof text, "%.6f ", 1e-6 * row.t_us);
+        expected_t += text;
+      }
+    std::string t;
+    for (const std::string& line : split(read_file(folder / (std::string("poses_") + id + ".txt").c_str()), '\n'))
+      t += split(line, ' ').at(0) + ' ';
+    CHECK(t == expected_t);
+    CHECK_MESSAGE(contains(tum.out, std::string("poses in poses_") + id + ".txt"), tum.out);
+  }
+  const Result again = run(folder, track + " --format tum --output poses.txt");
+  CHECK(again.code == 1);
+  CHECK_MESSAGE(contains(again.err, "--output poses.txt: there is a poses_"), again.err);
+  const Result of_one =
+      run(folder, "track_file b.raw --camera b.yml --marker-length 0.05 --ids 2 --format tum --output one.txt");
+  REQUIRE_MESSAGE(of_one.code == 0, of_one.err);
+  CHECK(split(read_file(folder / "one.txt"), '\n').size() > 200);
 }
 
 TEST_CASE("examples: a body of straight edges is tracked from where its file or an option says that it is") {
@@ -1281,6 +1423,20 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        replaced(kBody, "to: 2", "to: 9")},
       {simulate + " --board b.yml", {"board b.yml", "translation"}, "b.yml", replaced(kBoard, "translation", "place")},
       {simulate + " --board b.yml --ids 3", {"--board", "--ids"}, "b.yml", kBoard},
+      {track + " --relative 7", {"--relative", "2"}},
+      {track + " --relative 7,7", {"--relative", "7 is there twice"}},
+      {track + " --relative 7,8 --frame board", {"--relative", "--frame board"}},
+      {track + " --frame world", {"--frame", "world"}},
+      {track + " --format xml", {"--format", "xml"}},
+      {track + " --rate 0", {"--rate", "0 "}},
+      {track + " --format tum --output missing/p.txt", {"missing/p.txt", "No such file"}},
+      {simulate + " --turn 10", {"--turn", "3"}},
+      {"make_board recording.raw --ids 7,8" + kOptions, {"--output", "required"}},
+      {"make_board recording.raw --ids 7 --output b.yml" + kOptions, {"two markers or more"}},
+      {"make_board recording.raw --ids 7,8 --output b.yml --origin 9" + kOptions, {"--origin", "9"}},
+      {"make_board recording.raw --ids 7,100 --output b.yml" + kOptions, {"--board-id", "100"}},
+      {"make_board recording.raw --ids 7,8 --output camera.yml" + kOptions, {"--output camera.yml", "--camera"}},
+      {"make_board recording.raw --ids 7,8 --output b.yml" + kOptions, {"recording.raw", "at only 0 places"}},
       {"evaluate missing.csv --truth truth.csv", {"missing.csv", "No such file"}},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "no poses"}, "p.csv", std::string(kPoseHeader) + "\n"},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "marker_id"}, "p.csv", "t_us,tx\n1,2\n"},

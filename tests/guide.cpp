@@ -4,6 +4,7 @@
 #include <evmarker/io/event_reader.hpp>
 #include <evmarker/live/pipeline.hpp>
 #include <evmarker/model/information.hpp>
+#include <evmarker/model/relative_pose.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/board.hpp>
 #include <evmarker/opencv/calibration.hpp>
@@ -25,6 +26,7 @@ void recording(evmarker::Tracker<Detector>& tracker) {
 void how_sure(const evmarker::PoseEstimate& pose) {
   if (pose.covariance) { /* 6 x 6: translation [m], then rotation [rad], camera frame; (*pose.covariance)(2, 2) is depth */ }
   const auto information = evmarker::information(pose);  // its inverse, for a fusion: <evmarker/model/information.hpp>
+  const auto of_camera = evmarker::inverse(pose);        // in the marker's frame: <evmarker/model/relative_pose.hpp>
   if (pose.twist) { /* velocity [m/s], then turn rate [rad/s] of the marker, camera frame */ }
 }
 

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <numbers>
 #include <span>
 #include <utility>
 #include <vector>
@@ -388,6 +389,30 @@ TEST_CASE("a marker that leaves the image is lost") {
     }
   REQUIRE(poses > 50);
   CHECK(lost);
+}
+
+TEST_CASE("a marker that turns away is lost before its edges cannot be told apart, whichever side it turns to") {
+  const Eigen::Isometry3d start = facing_pose({0, 0, 0.5}, {0.1, 0.2, 0.3});
+  for (const Eigen::Vector3d& turn_rate : {Eigen::Vector3d(0, 4, 0), Eigen::Vector3d(-4, 0, 0)}) {
+    const Trajectory motion = trajectory::linear(start, {0.1, 0, 0}, turn_rate);
+    MarkerTracker tracker = code_tracker(start);
+    PoseEstimate last;
+    double farthest_mm = 0;
+    for (const Event& event : simulated::near_events(motion, 0.6, 48))
+      if (const auto pose = tracker.push(event)) {
+        last = *pose;
+        if (pose->quality.state == TrackingState::tracking)
+          farthest_mm =
+              std::max(farthest_mm,
+                       pose_error(pose->T_camera_marker, motion(1e-6 * static_cast<double>(pose->t))).translation_mm);
+      }
+    CHECK(last.quality.state == TrackingState::lost);
+    CHECK(last.quality.loss_reason == LossReason::turned_away);
+    const Eigen::Isometry3d T = motion(1e-6 * static_cast<double>(last.t));
+    const double tilt_deg = std::acos(-T.linear().col(2).dot(T.translation().normalized())) * 180 / std::numbers::pi;
+    CHECK(tilt_deg == doctest::Approx(80).epsilon(0.02));
+    CHECK(farthest_mm < 5);
+  }
 }
 
 TEST_CASE("missing events are bridged as long as the motion tells where the edges are, and then the marker is lost") {

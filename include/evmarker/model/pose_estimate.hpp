@@ -43,9 +43,10 @@ enum class LossReason {
   verification,    ///< tracking backwards did not lead back to an earlier pose, Eqs. (13), (14)
   replaced,        ///< it was detected elsewhere
   events_missing,  ///< a gap in the events was too long to predict its motion
-  not_confirmed    ///< it never reached the state `tracking`
+  not_confirmed,   ///< it never reached the state `tracking`
+  turned_away      ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
 };
-inline constexpr std::size_t kLossReasons = 8;
+inline constexpr std::size_t kLossReasons = 9;
 
 constexpr const char* to_string(LossReason reason) noexcept {
   switch (reason) {
@@ -57,6 +58,7 @@ constexpr const char* to_string(LossReason reason) noexcept {
     case LossReason::replaced: return "replaced";
     case LossReason::events_missing: return "events_missing";
     case LossReason::not_confirmed: return "not_confirmed";
+    case LossReason::turned_away: return "turned_away";
   }
   return "?";
 }

@@ -46,6 +46,7 @@ class MarkerTracker {
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
         centre_(centre(follower_.matcher().model())),
+        face_(only_face(follower_.matcher().model())),
         t_(t) {
     validate(settings);
     pose_.id = id;
@@ -258,6 +259,7 @@ class MarkerTracker {
       return &lose(certain_loss_ != LossReason::none ? certain_loss_ : health_.reason());
     if (!updated) return nullptr;
     if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
+    if (face_ && turned_away()) return &lose(LossReason::turned_away);
     if (health_.edges_due()) judge_edges();
     return &refresh_pose();
   }
@@ -373,6 +375,25 @@ class MarkerTracker {
     return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
   }
 
+  // At 80 deg from the line of sight a face is a sixth as wide as it is long: its edges lie within the matching
+  // distance of each other, and where it turns farther, the pose would stay behind and stick to whatever else makes
+  // events there.
+  bool turned_away() const noexcept {
+    constexpr double kFlattest = 0.17364817766693033;  // cos 80 deg
+    const Vec3 sight = transform(follower_.T_camera_marker(), centre_);
+    const double towards = -dot(rotate(follower_.T_camera_marker(), *face_), sight);
+    return !(towards > 0) || towards * towards < kFlattest * kFlattest * squared_norm(sight);
+  }
+
+  // The normal of the face on which all edges are, if they are on one.
+  static std::optional<Vec3> only_face(const MarkerModel& model) noexcept {
+    const Vec3 normal = model.segments.front().face_normal;
+    const bool one = squared_norm(normal) > 0 && std::ranges::all_of(model.segments, [&](const MarkerSegment& segment) {
+                       return dot(normal, segment.face_normal) > 1 - 1e-9;
+                     });
+    return one ? std::optional(normal) : std::nullopt;
+  }
+
   // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.
   bool edges_within_matching_distance(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
@@ -393,6 +414,7 @@ class MarkerTracker {
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
   Vec3 centre_;                                  // of the model's bounding box, marker frame [m]
+  std::optional<Vec3> face_;                     // see only_face
   PoseEstimate pose_;                            // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since the time of the pose found

@@ -96,8 +96,8 @@ class WireframeTracker {
   PoseEstimate estimate() const noexcept { return searching_again_ ? lost_->estimate() : tracker_.estimate(); }
 
   /// The pose at a time at or after the last event, see MarkerTracker::pose_at.
-  PoseEstimate pose_at(Timestamp t) const noexcept {
-    return searching_again_ ? lost_->pose_at(t) : tracker_.pose_at(t);
+  PoseEstimate pose_at(Timestamp t, Timestamp pushed_until = kPushedUntilUnknown) const noexcept {
+    return searching_again_ ? lost_->pose_at(t) : tracker_.pose_at(t, pushed_until);
   }
 
   /// True if the body was lost and has not been found again.

@@ -1,0 +1,284 @@
+#pragma once
+// Calibration of a board: the places of single markers that were tracked together become one rigid body.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/base/so3.hpp"
+#include "evmarker/model/board_adjustment.hpp"
+#include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/projection.hpp"
+
+namespace evmarker {
+
+/// Where a marker is on a board, and how certain that is.
+struct CalibratedMarker {
+  MarkerId id = 0;
+  Eigen::Isometry3d T_board_marker = Eigen::Isometry3d::Identity();
+  double sigma_m = 0, sigma_rad = 0;  ///< standard deviations: roots of the traces of both covariances
+  std::size_t views = 0;              ///< in which it was seen together with others
+};
+
+struct BoardCalibration {
+  std::vector<CalibratedMarker> markers;  ///< in the order in which they were named
+  std::size_t views = 0;
+  double residual_px = 0;  ///< root mean square distance of the markers' corners from the board's
+};
+
+/// Collects poses of single markers at many times and finds the board on which they are, see BoardAdjustment. A pose
+/// counts by the four corners to which it projects: its depth and tilt, which the image hardly shows and of which the
+/// tilt may be the mirrored one, then have no more weight than they deserve.
+class BoardCalibrator {
+ public:
+  /// @param ids of the markers; the frame of the first is that of the board
+  /// @param length of each [m]
+  /// @param focal_length [px]
+  /// @throws std::invalid_argument for fewer than two markers, or one that is named twice
+  BoardCalibrator(std::vector<MarkerId> ids, double length, double focal_length)
+      : ids_(std::move(ids)), length_(length), focal_length_(focal_length) {
+    if (ids_.size() < 2) throw std::invalid_argument("board: needs two markers or more");
+    for (auto id = ids_.begin(); id != ids_.end(); ++id)
+      if (std::find(ids_.begin(), id, *id) != id)
+        throw std::invalid_argument("board: marker " + std::to_string(*id) + " is there twice");
+  }
+
+  /// Takes the poses of all markers at one time, of which those in state `tracking` are used; of times between which
+  /// nothing moved, the first.
+  void add(std::span<const PoseEstimate> poses) {
+    View view;
+    for (std::size_t m = 0; m < ids_.size(); ++m)
+      for (const PoseEstimate& pose : poses)
+        if (pose.id == ids_[m] && usable(pose)) view.push_back({m, pose.T_camera_marker, whitening(*pose.covariance)});
+    if (view.size() < 2 || (!views_.empty() && alike(views_.back(), view))) return;
+    views_.push_back(std::move(view));
+  }
+
+  /// Finds the board.
+  /// @throws std::runtime_error in one sentence if a marker was not seen together with others, or the board not from
+  /// different sides
+  BoardCalibration solve() const {
+    if (views_.size() < kLeastViews)
+      throw std::runtime_error("two of the markers or more were tracked together at only " +
+                               std::to_string(views_.size()) + " places, of the " + std::to_string(kLeastViews) +
+                               " that are needed: move them longer");
+    const std::vector<View> views = thinned();
+    const std::vector<Eigen::Isometry3d> start = chain(views);
+    std::vector<BoardView> located;
+    for (const View& view : views) located.push_back({view, locate(view, start)});
+    BoardAdjustment adjustment(start, std::move(located));
+    adjustment.solve();
+    require_variety(adjustment);
+    return result(adjustment);
+  }
+
+ private:
+  using View = std::vector<MarkerSighting>;
+
+  // How two markers lie to each other, by the poses in one view.
+  struct Link {
+    std::size_t from, to;
+    Eigen::Isometry3d T_from_to;
+  };
+
+  static constexpr std::size_t kLeastViews = 20, kMostViews = 1000, kMostTried = 40;
+  static constexpr double kMoved_px = 1;  // between two views
+  static constexpr double kLeastTurn_rad = 10 * std::numbers::pi / 180;
+
+  // A pose that may count: seen well enough that its covariance can be relied on.
+  static bool usable(const PoseEstimate& pose) {
+    return pose.quality.state == TrackingState::tracking && pose.covariance &&
+           Eigen::LLT<Matrix6d>(*pose.covariance).info() == Eigen::Success;
+  }
+  static Matrix6d whitening(const Matrix6d& covariance) {
+    return Eigen::LLT<Matrix6d>(covariance).matrixL().solve(Matrix6d::Identity());
+  }
+
+  std::array<Vec2, 4> corners(const Eigen::Isometry3d& T_camera_marker) const {
+    const double h = length_ / 2;
+    std::array<Vec2, 4> image;
+    std::size_t i = 0;
+    for (const Vec3 corner : {Vec3(-h, h, 0), Vec3(h, h, 0), Vec3(h, -h, 0), Vec3(-h, -h, 0)})
+      image[i++] = image_point(transform(T_camera_marker, corner), focal_length_);
+    return image;
+  }
+
+  // How far the corners of a marker at one pose are from those at another in the image; the farthest of the four.
+  double distance_px(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) const {
+    const auto at_a = corners(a), at_b = corners(b);
+    double farthest = 0;
+    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(at_a[i] - at_b[i]));
+    return farthest;
+  }
+
+  bool alike(const View& a, const View& b) const {
+    return std::ranges::equal(a, b, [&](const MarkerSighting& x, const MarkerSighting& y) {
+      return x.marker == y.marker && distance_px(x.T_camera_marker, y.T_camera_marker) < kMoved_px;
+    });
+  }
+
+  std::vector<View> thinned() const {
+    const std::size_t every = (views_.size() + kMostViews - 1) / kMostViews;
+    std::vector<View> kept;
+    for (std::size_t i = 0; i < views_.size(); i += every) kept.push_back(views_[i]);
+    return kept;
+  }
+
+  // Poses on the board to start from: from the first marker on, always the next marker that was most often seen
+  // together with one of those before.
+  std::vector<Eigen::Isometry3d> chain(const std::vector<View>& views) const {
+    std::vector<Eigen::Isometry3d> poses(ids_.size(), Eigen::Isometry3d::Identity());
+    std::vector<bool> placed(ids_.size(), false);
+    placed[0] = true;
+    for (std::size_t count = 1; count < ids_.size(); ++count) {
+      std::vector<Link> best;
+      for (std::size_t to = 0; to < ids_.size(); ++to)
+        for (std::size_t from = 0; from < ids_.size(); ++from)
+          if (placed[from] && !placed[to])
+            if (auto found = links(views, from, to); found.size() > best.size()) best = std::move(found);
+      if (best.size() < kLeastViews) throw std::runtime_error(unconnected(views, placed));
+      const Link& link = most_agreed(views, best);
+      poses[link.to] = poses[link.from] * link.T_from_to;
+      placed[link.to] = true;
+    }
+    return poses;
+  }
+
+  static const MarkerSighting* find(const View& view, std::size_t marker) {
+    const auto found =
+        std::ranges::find_if(view, [&](const MarkerSighting& sighting) { return sighting.marker == marker; });
+    return found == view.end() ? nullptr : &*found;
+  }
+
+  static std::vector<Link> links(const std::vector<View>& views, std::size_t from, std::size_t to) {
+    std::vector<Link> links;
+    for (const View& view : views)
+      if (const MarkerSighting* a = find(view, from), *b = find(view, to); a != nullptr && b != nullptr)
+        links.push_back({from, to, a->T_camera_marker.inverse() * b->T_camera_marker});
+    return links;
+  }
+
+  // Of some of the links, the one by which the second marker is seen nearest to its place in most views: a mirrored
+  // tilt fits only the view that it is from.
+  const Link& most_agreed(const std::vector<View>& views, const std::vector<Link>& links) const {
+    const Link* best = nullptr;
+    double least = std::numeric_limits<double>::infinity();
+    const std::size_t every = (links.size() + kMostTried - 1) / kMostTried;
+    for (std::size_t i = 0; i < links.size(); i += every) {
+      std::vector<double> errors;
+      for (const View& view : views)
+        if (const MarkerSighting* a = find(view, links[i].from), *b = find(view, links[i].to);
+            a != nullptr && b != nullptr)
+          errors.push_back(distance_px(a->T_camera_marker * links[i].T_from_to, b->T_camera_marker));
+      const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+      std::nth_element(errors.begin(), middle, errors.end());
+      if (best == nullptr || *middle < least) {
+        best = &links[i];
+        least = *middle;
+      }
+    }
+    return *best;
+  }
+
+  std::string unconnected(const std::vector<View>& views, const std::vector<bool>& placed) const {
+    std::string names;
+    for (std::size_t m = 0; m < ids_.size(); ++m)
+      if (!placed[m]) names += (names.empty() ? "" : ", ") + std::to_string(ids_[m]);
+    const bool one = std::ranges::count(placed, false) == 1;
+    const bool seen = std::ranges::any_of(views, [&](const View& view) {
+      return std::ranges::any_of(view, [&](const MarkerSighting& sighting) { return !placed[sighting.marker]; });
+    });
+    names = (one ? "marker " : "markers ") + names + (one ? " was " : " were ");
+    const std::string how = seen ? "not tracked together with marker " + std::to_string(ids_[0]) +
+                                       ", or one that was, at " + std::to_string(kLeastViews) + " places"
+                                 : "never tracked together with another one";
+    return names + how + ": show them side by side for longer";
+  }
+
+  // Where the board is in a view: where that marker says by which all others are seen nearest to their places.
+  Eigen::Isometry3d locate(const View& view, const std::vector<Eigen::Isometry3d>& T_board_marker) const {
+    Eigen::Isometry3d best = Eigen::Isometry3d::Identity();
+    double least = std::numeric_limits<double>::infinity();
+    for (const MarkerSighting& by : view) {
+      const Eigen::Isometry3d T = by.T_camera_marker * T_board_marker[by.marker].inverse();
+      double sum = 0;
+      for (const MarkerSighting& other : view)
+        sum += distance_px(T * T_board_marker[other.marker], other.T_camera_marker);
+      if (sum < least) best = T;
+      least = std::min(least, sum);
+    }
+    return best;
+  }
+
+  // Every marker must have been seen from directions that differ: from one direction, a wrong depth or tilt is the same
+  // in all views.
+  void require_variety(const BoardAdjustment& adjustment) const {
+    for (std::size_t m = 0; m < ids_.size(); ++m) {
+      std::vector<Vec3> directions;
+      for (const BoardView& view : adjustment.views())
+        for (const MarkerSighting& sighting : view.sightings)
+          if (sighting.marker == m) directions.push_back(direction(view.T_camera_board, adjustment.markers()[m]));
+      Vec3 mean;
+      for (const Vec3& d : directions) mean = mean + d;
+      double farthest = 0;
+      for (const Vec3& d : directions)
+        farthest = std::max(farthest, std::acos(std::min(1.0, dot(d, mean) / norm(mean))));
+      if (farthest < kLeastTurn_rad)
+        throw std::runtime_error("marker " + std::to_string(ids_[m]) +
+                                 " was seen together with others from one side only, all within " +
+                                 std::to_string(std::lround(farthest * 180 / std::numbers::pi)) +
+                                 " deg of the mean direction: turn the body by " +
+                                 std::to_string(std::lround(kLeastTurn_rad * 180 / std::numbers::pi)) + " deg or more");
+    }
+  }
+
+  // Unit vector from a square to the camera, in the square's frame.
+  static Vec3 direction(const Eigen::Isometry3d& T_camera_board, const Eigen::Isometry3d& T_board_marker) {
+    const Vec3 camera = translation((T_camera_board * T_board_marker).inverse());
+    return camera / norm(camera);
+  }
+
+  double residual_px(const BoardAdjustment& adjustment) const {
+    double sum = 0, weights = 0;
+    for (const BoardView& view : adjustment.views())
+      for (const MarkerSighting& sighting : view.sightings) {
+        const auto seen = corners(sighting.T_camera_marker),
+                   expected = corners(view.T_camera_board * adjustment.markers()[sighting.marker]);
+        const double weight = adjustment.weight(view, sighting);
+        for (std::size_t i = 0; i < 4; ++i) sum += weight * squared_norm(seen[i] - expected[i]);
+        weights += 4 * weight;
+      }
+    return std::sqrt(sum / weights);
+  }
+
+  BoardCalibration result(const BoardAdjustment& adjustment) const {
+    BoardCalibration result{{}, adjustment.views().size(), residual_px(adjustment)};
+    const Eigen::MatrixXd P = adjustment.covariance();
+    for (std::size_t m = 0; m < ids_.size(); ++m) {
+      CalibratedMarker marker{ids_[m], adjustment.markers()[m], 0, 0, 0};
+      if (m > 0) {
+        const auto at = 6 * static_cast<Eigen::Index>(m - 1);
+        marker.sigma_m = std::sqrt(P.diagonal().segment<3>(at).sum());
+        marker.sigma_rad = std::sqrt(P.diagonal().segment<3>(at + 3).sum());
+      }
+      for (const BoardView& view : adjustment.views())
+        marker.views += std::ranges::any_of(view.sightings, [&](const auto& s) { return s.marker == m; });
+      result.markers.push_back(marker);
+    }
+    return result;
+  }
+
+  std::vector<MarkerId> ids_;
+  double length_, focal_length_;
+  std::vector<View> views_;
+};
+
+}  // namespace evmarker
