@@ -49,9 +49,9 @@ using namespace evmarker::io::test;
 namespace {
 
 const std::map<std::string, std::string> kPrograms{
-    {"quickstart", EVMARKER_QUICKSTART},   {"paper", EVMARKER_PAPER},          {"simulate", EVMARKER_SIMULATE},
-    {"track_file", EVMARKER_TRACK_FILE},   {"evaluate", EVMARKER_EVALUATE},    {"replay", EVMARKER_REPLAY},
-    {"print_board", EVMARKER_PRINT_BOARD}, {"make_board", EVMARKER_MAKE_BOARD}};
+    {"quickstart", EVMARKER_QUICKSTART},   {"paper", EVMARKER_PAPER},           {"simulate", EVMARKER_SIMULATE},
+    {"track_file", EVMARKER_TRACK_FILE},   {"evaluate", EVMARKER_EVALUATE},     {"replay", EVMARKER_REPLAY},
+    {"print_board", EVMARKER_PRINT_BOARD}, {"make_board", EVMARKER_MAKE_BOARD}, {"calibrate", EVMARKER_CALIBRATE}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -635,6 +635,53 @@ TEST_CASE("examples: make_board measures a board with which the body is tracked 
   REQUIRE(error.poses > 1000);
   CHECK(error.mm < 0.5);
   CHECK(error.deg < 0.5);
+}
+
+TEST_CASE("examples: a camera is calibrated by a moving board, unless the board hardly moved") {
+  if (kPrograms.at("calibrate").empty()) {
+    MESSAGE("skipped: calibrate is not built without Ceres");
+    return;
+  }
+  const TemporaryFolder folder;
+  write_file(folder / "grid.yml",
+             "markersX: 4\nmarkersY: 3\nmarkerLength: 0.04\nmarkerSeparation: 0.012\ndictionary: DICT_4X4_50\n");
+  const std::string simulate = " --board grid.yml --sensor davis346 --quiet";
+  const Result moved = run(folder,
+                           "simulate g.raw --lens radtan:-0.25,0.09,0.0007,-0.0005 --distance 0.27 --turn 40,40,25 "
+                           "--frequency 0.9 --duration 1.2 --seed 6" +
+                               simulate);
+  REQUIRE_MESSAGE(moved.code == 0, moved.err);
+  const std::string calibrate = "calibrate g.raw --board grid.yml --output c.yml --largest-error 3 --quiet";
+  const Result calibrated = run(folder, calibrate + " --picture c.png");
+  REQUIRE_MESSAGE(calibrated.code == 0, calibrated.err);
+  CHECK(calibrated.err.empty());
+  const auto camera = evmarker::opencv::load_calibration((folder / "c.yml").string());
+  const auto truth = evmarker::opencv::load_calibration((folder / "g.yml").string());
+  const double fx_sigma = number_after(calibrated.out, "+- "), f_error = std::abs(camera.fx() - truth.fx());
+  MESSAGE("fx off by " << f_error << " px of +- " << fx_sigma << ", cx by " << camera.cx() - truth.cx() << ", cy by "
+                       << camera.cy() - truth.cy());
+  CHECK(number_after(calibrated.out, "fx") == doctest::Approx(camera.fx()).epsilon(1e-5));
+  CHECK(f_error < 0.005 * truth.fx());
+  CHECK(f_error < 4 * fx_sigma);
+  CHECK(std::abs(camera.cx() - truth.cx()) < 2);
+  CHECK(std::abs(camera.cy() - truth.cy()) < 2);
+  for (const double x : {60.0, 172.5, 285.0})  // where the board was
+    for (const double y : {50.0, 129.5, 210.0}) {
+      const Eigen::Vector2d pixel(x, y);
+      CHECK((camera.project(truth.line_of_sight(pixel)) - pixel).norm() < 2.5);  // also by a turn of the camera's axes
+    }
+  CHECK(cv::imread((folder / "c.png").string()).rows > 700);
+
+  const Result stretched = run(folder, calibrate + " --free-pitch");
+  REQUIRE_MESSAGE(stretched.code == 0, stretched.err);
+  CHECK(number_after(stretched.out, "distances between the markers: ") == doctest::Approx(1).epsilon(0.003));
+
+  const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.4" + simulate);
+  REQUIRE_MESSAGE(still.code == 0, still.err);
+  const Result refused = run(folder, "calibrate s.raw --board grid.yml --output none.yml --quiet");
+  CHECK(refused.code == 2);
+  CHECK_MESSAGE(contains(refused.err, "tilt the board"), refused.err);
+  CHECK_FALSE(std::filesystem::exists(folder / "none.yml"));
 }
 
 TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other's frame, and as TUM") {
@@ -1431,6 +1478,12 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --rate 0", {"--rate", "0 "}},
       {track + " --format tum --output missing/p.txt", {"missing/p.txt", "No such file"}},
       {simulate + " --turn 10", {"--turn", "3"}},
+      {"calibrate recording.raw --board b.yml", {"--output", "required"}, "b.yml", kBoard},
+      {"calibrate recording.raw --board b.yml --output b.yml", {"--output b.yml", "--board"}, "b.yml", kBoard},
+      {"calibrate recording.raw --board b.yml --output c.yml",
+       {"b.yml", "not flat", "2 faces"},
+       "b.yml",
+       replaced(kBoard, "rotation: [0, 0, 0], translation: [0.04", "rotation: [0, 1, 0], translation: [0.04")},
       {"make_board recording.raw --ids 7,8" + kOptions, {"--output", "required"}},
       {"make_board recording.raw --ids 7 --output b.yml" + kOptions, {"two markers or more"}},
       {"make_board recording.raw --ids 7,8 --output b.yml --origin 9" + kOptions, {"--origin", "9"}},
