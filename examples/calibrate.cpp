@@ -15,8 +15,8 @@
 #include <utility>
 #include <vector>
 
+#include "board_corners.hpp"
 #include "board_faces.hpp"
-#include "board_views.hpp"
 #include "calibration_picture.hpp"
 #include "camera_fit.hpp"
 #include "console.hpp"
@@ -88,12 +88,12 @@ class Recording {
 
   /// The views of the board, with what is known of the camera.
   /// @param enough views after which the rest of the recording is not read
-  std::vector<BoardView> views(const PinholeCamera& camera, const char* what,
-                               std::size_t enough = std::numeric_limits<std::size_t>::max()) const {
+  std::vector<BoardCorners> views(const PinholeCamera& camera, const char* what,
+                                  std::size_t enough = std::numeric_limits<std::size_t>::max()) const {
     if (!options_.quiet) std::fprintf(stderr, "%s\n", what);
     io::EventReader recording = open();
     MarkerFollower follower(camera, board_, dictionary_, border_cells_);
-    std::vector<BoardView> views;
+    std::vector<BoardCorners> views;
     console::ProgressBar progress(options_.quiet);
     for (auto batch = recording.next_batch(); !batch.empty() && views.size() < enough; batch = recording.next_batch()) {
       if (interruption::requested) interruption::end(0, {});
@@ -120,7 +120,7 @@ class Recording {
 
 [[noreturn]] void refuse(const std::string& reason) { throw console::Exit(kUndetermined, reason); }
 
-std::vector<BoardView> enough_of(std::vector<BoardView> views, std::size_t fewest) {
+std::vector<BoardCorners> enough_of(std::vector<BoardCorners> views, std::size_t fewest) {
   if (views.size() >= fewest) return views;
   refuse("the board was hardly seen: at " + std::to_string(views.size()) +
          " instants with four markers or more; move it so that it is large in the image; is it in --dictionary?");
@@ -145,7 +145,7 @@ CameraFit find_start(const Recording& recording, const CameraFitter& fitter) {
     if (!best || fit.rms_px < best->rms_px) best = fit;
     if (best->rms_px < kGood_px) break;
   }
-  if (!best) enough_of(std::vector<BoardView>(most), kFewest);
+  if (!best) enough_of(std::vector<BoardCorners>(most), kFewest);
   return *best;
 }
 
@@ -156,12 +156,12 @@ struct Deviations {
   ImageDifference in_image;
 };
 
-Deviations leave_out(const std::vector<BoardView>& views, const CameraFit& fit, const CameraFitter& fitter) {
+Deviations leave_out(const std::vector<BoardCorners>& views, const CameraFit& fit, const CameraFitter& fitter) {
   constexpr std::size_t kStretches = 10;
   Deviations sigma;
   const PinholeCamera camera = fitter.camera(fit.intrinsics);
   for (std::size_t stretch = 0; stretch < kStretches; ++stretch) {
-    std::vector<BoardView> others;
+    std::vector<BoardCorners> others;
     for (std::size_t i = 0; i < views.size(); ++i)
       if (i * kStretches / views.size() != stretch) others.push_back(views[i]);
     const Intrinsics without = fitter.refit(others, fit.intrinsics).intrinsics;
@@ -217,7 +217,7 @@ void calibrate(const Options& options) {
   const Recording recording(options, opencv::load_boards(options.board, options.dictionary));
   const CameraFitter fitter(options.lens(), recording.size(), options.free_pitch);
   CameraFit fit = find_start(recording, fitter);
-  std::vector<BoardView> views;
+  std::vector<BoardCorners> views;
   Deviations sigma;
   for (int pass = 0; pass < kMostPasses; ++pass) {
     const PinholeCamera camera = fitter.camera(fit.intrinsics);
@@ -230,7 +230,7 @@ void calibrate(const Options& options) {
     if (image_difference(camera, fitter.camera(fit.intrinsics)).mean() < sigma.in_image.mean() + 0.1) break;
   }
   std::size_t markers = 0;
-  for (const BoardView& view : views) markers += view.markers.size();
+  for (const BoardCorners& view : views) markers += view.markers.size();
   std::printf("board %d: %zu markers in %zu views\n", recording.id(), markers, views.size());
   print(fit, sigma, options);
   std::printf("corners within %.3f px (rms); the image is known to %.3f px, at its worst to %.3f px\n",

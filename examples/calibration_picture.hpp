@@ -12,7 +12,7 @@
 
 /// Draws every corner that was seen as a dot, and over it, for each part of the image, the mean of how far from there
 /// the calibration says it should be, as an arrow 100 times as long.
-inline cv::Mat draw_calibration(const std::vector<BoardView>& views, const CameraFit& fit, LensModel model,
+inline cv::Mat draw_calibration(const std::vector<BoardCorners>& views, const CameraFit& fit, LensModel model,
                                 evmarker::SensorSize size) {
   constexpr int kColumns = 16, kRows = 12, kArrow = 100;
   const int zoom = std::max(1, 1280 / size.width);

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "board_views.hpp"
+#include "board_corners.hpp"
 
 enum class LensModel { radtan, fisheye };
 
@@ -116,7 +116,7 @@ class CornerDistances : public ceres::SizedCostFunction<8, 9, 6> {
 struct CameraFit {
   Intrinsics intrinsics{};
   std::vector<std::array<double, 6>> poses{};  ///< of the board in each view: rotation vector, translation
-  double rms_px = 0;                         ///< of the corners' distances, per coordinate
+  double rms_px = 0;                           ///< of the corners' distances, per coordinate
 };
 
 /// Fits from a start: OpenCV's calibration from some views, then all views together, with Huber's weight for each
@@ -130,11 +130,11 @@ class CameraFitter {
       : model_(model), size_(size), free_pitch_(free_pitch) {}
 
   /// From nothing but a focal length.
-  CameraFit start(const std::vector<BoardView>& views, double focal_px) const {
+  CameraFit start(const std::vector<BoardCorners>& views, double focal_px) const {
     cv::Matx33d K(focal_px, 0, 0.5 * (size_.width - 1), 0, focal_px, 0.5 * (size_.height - 1), 0, 0, 1);
     std::vector<std::vector<cv::Point3f>> on_board;
     std::vector<std::vector<cv::Point2f>> in_image;
-    for (const BoardView& view : views) {
+    for (const BoardCorners& view : views) {
       on_board.emplace_back();
       in_image.emplace_back();
       for (const SeenMarker& seen : view.markers) {
@@ -159,10 +159,10 @@ class CameraFitter {
   }
 
   /// Of other views, with the intrinsics of a fit as the start.
-  CameraFit refit(const std::vector<BoardView>& views, const Intrinsics& intrinsics) const {
+  CameraFit refit(const std::vector<BoardCorners>& views, const Intrinsics& intrinsics) const {
     CameraFit fit{.intrinsics = intrinsics};
     const evmarker::PinholeCamera camera = camera_of(intrinsics, model_, size_);
-    for (const BoardView& view : views) {
+    for (const BoardCorners& view : views) {
       std::vector<cv::Point3d> on_board;
       std::vector<cv::Point2d> undistorted;
       for (const SeenMarker& seen : view.markers) {
@@ -183,7 +183,7 @@ class CameraFitter {
   LensModel model() const { return model_; }
 
  private:
-  CameraFit adjusted(const std::vector<BoardView>& views, CameraFit fit) const {
+  CameraFit adjusted(const std::vector<BoardCorners>& views, CameraFit fit) const {
     constexpr double kHuber_px = 2;  // of the 8 coordinates of a marker together
     ceres::Problem problem;
     for (std::size_t i = 0; i < views.size(); ++i)

@@ -35,8 +35,7 @@ struct BoardCalibration {
 };
 
 /// Collects poses of single markers at many times and finds the board on which they are, see BoardAdjustment. A pose
-/// counts by the four corners to which it projects: its depth and tilt, which the image hardly shows and of which the
-/// tilt may be the mirrored one, then have no more weight than they deserve.
+/// counts by its covariance: depth and tilt, which the image hardly shows, then have no more weight than they deserve.
 class BoardCalibrator {
  public:
   /// @param ids of the markers; the frame of the first is that of the board

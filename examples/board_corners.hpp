@@ -20,8 +20,8 @@ struct SeenMarker {
   std::array<evmarker::Vec2, 4> corners_px;  ///< in the distorted image, from the marker's top left clockwise
 };
 
-/// The markers of a board that are tracked at an instant.
-struct BoardView {
+/// A view of a board: its markers that are tracked at an instant.
+struct BoardCorners {
   evmarker::Timestamp t = 0;
   std::vector<SeenMarker> markers;
 };
@@ -47,7 +47,7 @@ class MarkerFollower {
         tracker_(camera, {camera, detector_settings(board, dictionary, border_cells)}, tracker_settings()) {}
 
   /// Takes events, and adds a view to `views` every 10 ms.
-  void push(std::span<const evmarker::Event> events, std::vector<BoardView>& views) {
+  void push(std::span<const evmarker::Event> events, std::vector<BoardCorners>& views) {
     constexpr evmarker::Timestamp kInterval_us = 10000;
     while (!events.empty()) {
       if (next_t_ == kNone) next_t_ = events.front().t + kInterval_us;
@@ -56,7 +56,7 @@ class MarkerFollower {
       tracker_.push(before, [](const evmarker::PoseEstimate&) {});
       events = events.subspan(before.size());
       if (events.empty()) return;
-      if (BoardView view = view_at(next_t_); !view.markers.empty()) views.push_back(std::move(view));
+      if (BoardCorners view = view_at(next_t_); !view.markers.empty()) views.push_back(std::move(view));
       next_t_ = events.front().t + kInterval_us - (events.front().t - next_t_) % kInterval_us;
     }
   }
@@ -82,8 +82,8 @@ class MarkerFollower {
     return settings;
   }
 
-  BoardView view_at(evmarker::Timestamp t) const {
-    BoardView view{t, {}};
+  BoardCorners view_at(evmarker::Timestamp t) const {
+    BoardCorners view{t, {}};
     for (const auto& tracked : tracker_.markers()) {
       if (tracked.state() != evmarker::TrackingState::tracking) continue;
       const auto marker = std::ranges::find(board_.markers, tracked.id(), &evmarker::BoardMarker::id);
@@ -124,9 +124,10 @@ class MarkerFollower {
 /// Drops markers that are not where the others of a view say, and views of less than four: a marker may have been taken
 /// for its neighbour. By the homography of the flat board, after the lens as far as it is known.
 /// @param tolerance_px how far a corner may be off
-inline void drop_outliers(std::vector<BoardView>& views, const evmarker::PinholeCamera& camera, double tolerance_px) {
+inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::PinholeCamera& camera,
+                          double tolerance_px) {
   constexpr std::size_t kFewest = 4;
-  for (BoardView& view : views) {
+  for (BoardCorners& view : views) {
     std::vector<cv::Point2d> on_board, in_image;
     for (const SeenMarker& seen : view.markers)
       for (std::size_t i = 0; i < 4; ++i) {
@@ -143,15 +144,15 @@ inline void drop_outliers(std::vector<BoardView>& views, const evmarker::Pinhole
       return std::find(first, first + 4, 0) != first + 4;
     });
   }
-  std::erase_if(views, [](const BoardView& view) { return view.markers.size() < kFewest; });
+  std::erase_if(views, [](const BoardCorners& view) { return view.markers.size() < kFewest; });
 }
 
 /// Chooses views that differ as much as they can in place, distance and tilt of the board: each next one is the one
 /// that looks least like any chosen before.
 /// @return in the order of time
-inline std::vector<BoardView> spread(const std::vector<BoardView>& views, std::size_t most) {
+inline std::vector<BoardCorners> spread(const std::vector<BoardCorners>& views, std::size_t most) {
   if (views.size() <= most) return views;
-  const auto outline = [](const BoardView& view) {  // the middle, and ten times a marker's sides
+  const auto outline = [](const BoardCorners& view) {  // the middle, and ten times a marker's sides
     const double share = 1 / static_cast<double>(view.markers.size());
     evmarker::Vec2 middle, right, down;
     for (const SeenMarker& seen : view.markers) {
@@ -163,7 +164,7 @@ inline std::vector<BoardView> spread(const std::vector<BoardView>& views, std::s
     return std::array{middle, right, down};
   };
   std::vector<std::array<evmarker::Vec2, 3>> outlines;
-  for (const BoardView& view : views) outlines.push_back(outline(view));
+  for (const BoardCorners& view : views) outlines.push_back(outline(view));
   std::vector<double> to_nearest(views.size(), std::numeric_limits<double>::infinity());
   std::vector<std::size_t> chosen{0};
   while (chosen.size() < most) {
@@ -175,7 +176,7 @@ inline std::vector<BoardView> spread(const std::vector<BoardView>& views, std::s
     chosen.push_back(static_cast<std::size_t>(std::ranges::max_element(to_nearest) - to_nearest.begin()));
   }
   std::ranges::sort(chosen);
-  std::vector<BoardView> result;
+  std::vector<BoardCorners> result;
   for (const std::size_t i : chosen) result.push_back(views[i]);
   return result;
 }
