@@ -153,7 +153,8 @@ inline void note(const PoseEstimate& pose, const VerificationSettings& limits, F
 /// Two trackers follow the events: one is stopped when verification fails, the other goes on and shows how signal and
 /// pose develop after that.
 inline FailureSignal run(const FailureCase& failure, const std::vector<Event>& events) {
-  const MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
+  MarkerModel model = make_code_marker(kFailureMarkerLength, failure_code());
+  for (MarkerSegment& edge : model.segments) edge.face_normal.setZero();  // it is not to be lost for turning away
   const auto settings = verification_alone();
   auto never_stopped = settings;
   never_stopped.verification.max_translation_px = never_stopped.verification.max_rotation_rad = 1e9;

@@ -33,7 +33,7 @@ namespace {
 constexpr int kUndetermined = 2;  // exit code
 
 struct Options {
-  std::string recording, board, dictionary, output, model = "radtan", picture;
+  std::string recording, board, dictionary, output, model = "radtan", picture, truth;
   std::vector<int> size;
   TextOptions text;
   double largest_error_px = 1;
@@ -59,6 +59,7 @@ struct Options {
         ->check(console::positive_number())
         ->capture_default_str();
     app.add_flag("--free-pitch", free_pitch, "estimate the distances between the markers, too: of a print that shrank");
+    app.add_option("--truth", truth, "a calibration to compare with");
     text.add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes("2 the recording does not determine the camera, "));
@@ -211,9 +212,11 @@ void calibrate(const Options& options) {
   constexpr std::size_t kMostViews = 1000, kFewest = 30;
   constexpr int kMostPasses = 4;
   constexpr double kOutlier_px = 2;
-  require_distinct({{"the recording", options.recording}, {"--board", options.board}},
+  require_distinct({{"the recording", options.recording}, {"--board", options.board}, {"--truth", options.truth}},
                    {{"--output", options.output}, {"--picture", options.picture}});
   interruption::watch();
+  std::optional<PinholeCamera> truth;
+  if (!options.truth.empty()) truth = opencv::load_calibration(options.truth);
   const Recording recording(options, opencv::load_boards(options.board, options.dictionary));
   const CameraFitter fitter(options.lens(), recording.size(), options.free_pitch);
   CameraFit fit = find_start(recording, fitter);
@@ -235,6 +238,9 @@ void calibrate(const Options& options) {
   print(fit, sigma, options);
   std::printf("corners within %.3f px (rms); the image is known to %.3f px, at its worst to %.3f px\n",
               std::sqrt(2.0) * fit.rms_px, sigma.in_image.mean(), std::ranges::max(sigma.in_image.px));
+  if (truth)
+    std::printf("off by %.3f px from %s, on average over the image\n",
+                image_difference(*truth, fitter.camera(fit.intrinsics)).mean(), options.truth.c_str());
   if (!options.picture.empty() &&
       !cv::imwrite(options.picture, draw_calibration(views, fit, options.lens(), recording.size())))
     throw std::runtime_error(options.picture + ": cannot be written");

@@ -82,7 +82,7 @@ TEST_CASE("covariances give certain poses more weight, and the spread is that of
   CHECK(with < 0.7 * without);
 }
 
-TEST_CASE("the mean of one pose is that pose, of unknown certainty; of none, there is no mean") {
+TEST_CASE("the mean of one pose is that pose, of unknown certainty, and of none there is no mean") {
   PoseAverage average;
   CHECK(message_of([&] { (void)average.mean(); }) == "mean of no poses");
   SeededNumbers random(5);
