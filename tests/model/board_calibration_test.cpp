@@ -236,7 +236,7 @@ TEST_CASE("a cube is measured to 0.2 mm and 0.1 deg from a recording, and tracke
                                     << " standard deviations; corners within " << calibration.residual_px << " px");
   CHECK(error.mm < 0.2);
   CHECK(error.deg < 0.1);
-  CHECK(error.sigmas < 6);
+  CHECK(error.sigmas < 3);
 
   Board made = board;
   for (std::size_t m = 0; m < made.markers.size(); ++m)
