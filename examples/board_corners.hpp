@@ -130,9 +130,8 @@ inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::Pinh
   for (BoardCorners& view : views) {
     std::vector<cv::Point2d> on_board, in_image;
     for (const SeenMarker& seen : view.markers)
-      for (std::size_t i = 0; i < 4; ++i) {
-        const evmarker::Vec3 corner = corners_of(*seen.marker)[i];
-        const evmarker::Vec2 m = on_plane(evmarker::Vec3(camera.line_of_sight(seen.corners_px[i])));
+      for (std::size_t i = 0; const evmarker::Vec3 corner : corners_of(*seen.marker)) {
+        const evmarker::Vec2 m = on_plane(evmarker::Vec3(camera.line_of_sight(seen.corners_px[i++])));
         on_board.emplace_back(corner.x, corner.y);
         in_image.emplace_back(camera.focal_length() * m.x, camera.focal_length() * m.y);
       }

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <evmarker/base/jackknife.hpp>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
 #include <evmarker/opencv/board.hpp>
@@ -121,9 +122,9 @@ class Recording {
 
 [[noreturn]] void refuse(const std::string& reason) { throw console::Exit(kUndetermined, reason); }
 
-std::vector<BoardCorners> enough_of(std::vector<BoardCorners> views, std::size_t fewest) {
-  if (views.size() >= fewest) return views;
-  refuse("the board was hardly seen: at " + std::to_string(views.size()) +
+void require_seen(std::size_t instants, std::size_t fewest) {
+  if (instants >= fewest) return;
+  refuse("the board was hardly seen: at " + std::to_string(instants) +
          " instants with four markers or more; move it so that it is large in the image; is it in --dictionary?");
 }
 
@@ -146,33 +147,27 @@ CameraFit find_start(const Recording& recording, const CameraFitter& fitter) {
     if (!best || fit.rms_px < best->rms_px) best = fit;
     if (best->rms_px < kGood_px) break;
   }
-  if (!best) enough_of(std::vector<BoardCorners>(most), kFewest);
+  require_seen(most, kFewest);
   return *best;
 }
 
-// Standard deviations by leaving out one tenth of the recording after the other: whatever the errors of neighbouring
-// views have in common is in them.
+// Standard deviations, by the jackknife.
 struct Deviations {
   Intrinsics of{};
   ImageDifference in_image;
 };
 
-Deviations leave_out(const std::vector<BoardCorners>& views, const CameraFit& fit, const CameraFitter& fitter) {
-  constexpr std::size_t kStretches = 10;
+Deviations deviations_of(const std::vector<BoardCorners>& views, const CameraFit& fit, const CameraFitter& fitter) {
   Deviations sigma;
   const PinholeCamera camera = fitter.camera(fit.intrinsics);
-  for (std::size_t stretch = 0; stretch < kStretches; ++stretch) {
-    std::vector<BoardCorners> others;
-    for (std::size_t i = 0; i < views.size(); ++i)
-      if (i * kStretches / views.size() != stretch) others.push_back(views[i]);
+  leave_out_tenths(views, [&](const std::vector<BoardCorners>& others) {
     const Intrinsics without = fitter.refit(others, fit.intrinsics).intrinsics;
     const ImageDifference difference = image_difference(camera, fitter.camera(without));
-    constexpr double kWeight = (kStretches - 1.0) / kStretches;  // of the jackknife
     for (std::size_t i = 0; i < without.size(); ++i)
-      sigma.of[i] += kWeight * std::pow(without[i] - fit.intrinsics[i], 2);
+      sigma.of[i] += kJackknifeWeight * std::pow(without[i] - fit.intrinsics[i], 2);
     for (std::size_t i = 0; i < difference.px.size(); ++i)
-      sigma.in_image.px[i] += kWeight * std::pow(difference.px[i], 2);
-  }
+      sigma.in_image.px[i] += kJackknifeWeight * std::pow(difference.px[i], 2);
+  });
   for (double& s : sigma.of) s = std::sqrt(s);
   for (double& s : sigma.in_image.px) s = std::sqrt(s);
   return sigma;
@@ -226,9 +221,10 @@ void calibrate(const Options& options) {
     const PinholeCamera camera = fitter.camera(fit.intrinsics);
     views = recording.views(camera, "following the markers");
     drop_outliers(views, camera, kOutlier_px);
-    views = spread(enough_of(std::move(views), kFewest), kMostViews);
+    require_seen(views.size(), kFewest);
+    views = spread(views, kMostViews);
     fit = fitter.refit(views, fit.intrinsics);
-    sigma = leave_out(views, fit, fitter);
+    sigma = deviations_of(views, fit, fitter);
     // The markers are followed nearly alike with both.
     if (image_difference(camera, fitter.camera(fit.intrinsics)).mean() < sigma.in_image.mean() + 0.1) break;
   }

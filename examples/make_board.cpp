@@ -127,7 +127,7 @@ void make_board(const Options& o) {
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(o.recording + ": " + error.what());
   }
-  io::save_board(o.output, make(o, calibration));
+  io::save_board(o.output, make(o, calibration), o.dictionary);
   print(calibration);
   if (interrupted)
     interruption::end(recorded_s, {"a board of " + std::to_string(ids.size()) + " markers in " + o.output});

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
+#include <evmarker/io/board_writer.hpp>
 #include <evmarker/io/output_file.hpp>
 #include <evmarker/opencv/aruco_shim.hpp>
 #include <evmarker/opencv/board.hpp>
@@ -84,29 +85,17 @@ opencv::BoardFile make_grid(const Options& o) {
                                 number_text(cell) + " m), which must be white around each");
   Board board{.id = opencv::free_board_id(codes), .markers = {}};
   const double pitch = o.marker_length + spacing;
+  const auto to_nm = [](double metres) { return std::round(1e9 * metres) / 1e9; };  // the file is read by people, too
   for (int row = 0; row < o.grid[1]; ++row)
     for (int column = 0; column < o.grid[0]; ++column) {
       const int id = o.first_id + row * o.grid[0] + column;
       Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-      T.translation() << pitch * (column - 0.5 * (o.grid[0] - 1)), pitch * (0.5 * (o.grid[1] - 1) - row), 0;
+      T.translation() << to_nm(pitch * (column - 0.5 * (o.grid[0] - 1))), to_nm(pitch * (0.5 * (o.grid[1] - 1) - row)),
+          0;
       board.markers.push_back({id, o.marker_length, opencv::marker_bits(codes, id, made.dictionary), T});
     }
   made.boards.push_back(board);
   return made;
-}
-
-// A board file whose markers are not turned.
-std::string board_text(const Board& board, const std::string& dictionary) {
-  std::string text = "dictionary: " + dictionary + "\nboard: " + std::to_string(board.id) + "\nmarkers:\n";
-  for (const BoardMarker& marker : board.markers) {
-    const Eigen::Vector3d t = marker.T_board_marker.translation();
-    char line[160];
-    std::snprintf(line, sizeof line,
-                  "  - { id: %d, length: %.9g, rotation: [0, 0, 0], translation: [%.9g, %.9g, 0] }\n", marker.id,
-                  marker.length, t.x(), t.y());
-    text += line;
-  }
-  return text;
 }
 
 opencv::BoardFile make_boards(const Options& o) {
@@ -158,11 +147,7 @@ void print_board(const Options& o) {
   for (const Page& page : pages) drawing.add(page, made.dictionary);
   io::OutputFile picture(o.output);
   picture.write(drawing.finish());
-  if (!o.board.empty()) {
-    io::OutputFile file(o.board);
-    file.write(board_text(made.boards.front(), made.dictionary));
-    file.close();
-  }
+  if (!o.board.empty()) io::save_board(o.board, made.boards.front(), made.dictionary);
   picture.close();
   std::size_t markers = 0;
   for (const Board& board : made.boards) markers += board.markers.size();

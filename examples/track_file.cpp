@@ -60,7 +60,8 @@ struct TrackFileOptions : TrackOptions {
   /// @throws std::invalid_argument where other markers are to be tracked beside a body
   Wireframe load_body() const {
     if (!lengths.empty() || !boards.empty() || !ids.empty())
-      throw std::invalid_argument("--wireframe: a body is tracked alone, without --marker-length, --markers, --board and --ids");
+      throw std::invalid_argument(
+          "--wireframe: a body is tracked alone, without --marker-length, --markers, --board and --ids");
     return ::load_body(wireframe, start);
   }
 };
@@ -72,9 +73,9 @@ class Run {
       : options_(options),
         viewer_(camera, options.view),  // before there are other threads
         recording_(
-            recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout())) {
-    if (!options.truth.empty()) truth_ = io::GroundTruth::read(options.truth);
-    output_.emplace(options, options.track_one() || !options.wireframe.empty(), columns);
+            recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout())),
+        truth_(options.truth.empty() ? std::nullopt : std::optional(io::GroundTruth::read(options.truth))),
+        output_(options, options.track_one() || !options.wireframe.empty(), columns) {
     if (const auto interval = options.interval()) ticks_.emplace(*interval, std::chrono::seconds(1));
   }
 
@@ -95,9 +96,9 @@ class Run {
       if (truth_) summary_.require_compared(options_.truth);
     }
     viewer_.finish(tracker, model_of);
-    output_->close();
+    output_.close();
     summary_.print(statistics, tracker.statistics(), wall.count());
-    output_->print();
+    output_.print();
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
     if (summary_.poses() == 0) throw console::Exit(kNothingFound, if_none);
   }
@@ -106,7 +107,7 @@ class Run {
   static constexpr int kNothingFound = 2;
 
   std::vector<std::string> kept() const {
-    std::vector<std::string> files = output_->kept();
+    std::vector<std::string> files = output_.kept();
     for (const std::string& file : {options_.view.overlay, options_.view.video})
       if (!file.empty()) files.push_back(file);
     return files;
@@ -132,13 +133,13 @@ class Run {
   template <typename AnyTracker>
   void push(AnyTracker& tracker, std::span<const Event> events) {
     const auto use = [&](const PoseEstimate& pose) {
-      output_->write(pose);
+      output_.write(pose);
       summary_.add(pose, truth_ ? truth_->at(pose.id, pose.t) : std::nullopt);
       viewer_.add(pose);
     };
     if (ticks_)
       push_with_ticks(*ticks_, tracker, events, use,
-                      [&](Timestamp, std::span<const PoseEstimate> poses) { output_->write(poses); });
+                      [&](Timestamp, std::span<const PoseEstimate> poses) { output_.write(poses); });
     else
       tracker.push(events, use);
   }
@@ -147,7 +148,7 @@ class Run {
   Viewer viewer_;
   io::EventReader recording_;
   std::optional<io::GroundTruth> truth_;
-  std::optional<PoseOutput> output_;
+  PoseOutput output_;
   std::optional<TickTimes> ticks_;
   TrackSummary summary_;
 };

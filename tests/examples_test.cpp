@@ -613,8 +613,9 @@ TEST_CASE("examples: make_board measures a board with which the body is tracked 
   CHECK(made.err.empty());
   CHECK_MESSAGE(contains(made.out, "instants, corners within 0."), made.out);
   const std::string board = read_file(folder / "made.yml");
-  CHECK(board.starts_with(
-      "board: 55\nmarkers:\n  - { id: 1, length: 0.05, rotation: [0, 0, 0], translation: [0, 0, 0] }"));
+  CHECK(
+      board.starts_with("dictionary: DICT_4X4_50\nboard: 55\nmarkers:\n  - { id: 1, length: 0.05, rotation: [0, 0, 0], "
+                        "translation: [0, 0, 0] }"));
   const auto second = [](const std::string& text, const char* what, int i) {
     return number_after(text.substr(text.find("id: 2")), what, i);
   };

@@ -56,6 +56,8 @@ TEST_CASE("save_board: the exact text, and a board that is none leaves no file")
   io::save_board(folder / "board.yml", board);
   CHECK(read_file(folder / "board.yml") ==
         "board: 5\nmarkers:\n  - { id: 2, length: 0.05, rotation: [0, 0, 0], translation: [0.1, -0.25, 1e-07] }\n");
+  io::save_board(folder / "board.yml", board, "DICT_4X4_100");
+  CHECK(read_file(folder / "board.yml").starts_with("dictionary: DICT_4X4_100\nboard: 5\nmarkers:\n"));
   board.markers.push_back(board.markers[0]);
   CHECK(message_of([&] { io::save_board(folder / "twice.yml", board); }) == "board 5: marker 2 is there twice");
   CHECK(folder.files() == 1);

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "evmarker/base/so3.hpp"
@@ -26,13 +27,16 @@ inline std::string number_list(const Eigen::Vector3d& v) {
 }  // namespace detail
 
 /// Writes a board as `opencv::load_board` reads it; numbers read back exactly, rotations to rounding. The codes of its
-/// markers are not in the file: who reads it names their dictionary.
+/// markers are not in the file but their dictionary, or who reads it names that.
+/// @param dictionary OpenCV's name of it; empty: it is not in the file
 /// @throws std::invalid_argument for a board that is not valid
 /// @throws RecordingError where the file cannot be written
-inline void save_board(std::filesystem::path path, const Board& board) {
+inline void save_board(std::filesystem::path path, const Board& board, std::string_view dictionary = "") {
   validate(board);
   OutputFile file(std::move(path));
-  std::string text = "board: " + std::to_string(board.id) + "\nmarkers:\n";
+  std::string text;
+  if (!dictionary.empty()) text = "dictionary: " + std::string(dictionary) + '\n';
+  text += "board: " + std::to_string(board.id) + "\nmarkers:\n";
   for (const BoardMarker& marker : board.markers) {
     text += "  - { id: " + std::to_string(marker.id) + ", length: ";
     append_number(text, marker.length);

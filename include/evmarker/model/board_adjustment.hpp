@@ -11,6 +11,7 @@
 
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 
 namespace evmarker {
 
@@ -78,10 +79,7 @@ class BoardAdjustment {
   // From the pose that the board gives a marker to the one that was tracked, whitened.
   Vector6d residual(const BoardView& view, const MarkerSighting& sighting) const {
     const Eigen::Isometry3d T = view.T_camera_board * markers_[sighting.marker];
-    Vector6d error;
-    error << sighting.T_camera_marker.translation() - T.translation(),
-        so3_log(sighting.T_camera_marker.linear() * T.linear().transpose());
-    return sighting.whitening * error;
+    return sighting.whitening * pose_difference(T, sighting.T_camera_marker);
   }
 
   // How a marker's pose in the camera changes with that of the board in the camera.
@@ -170,13 +168,6 @@ class BoardAdjustment {
     }
     for (std::size_t m = 1; m < markers_.size(); ++m)
       perturb(markers_[m], by.segment<6>(6 * static_cast<Eigen::Index>(m - 1)));
-  }
-
-  static void perturb(Eigen::Isometry3d& T, const Vector6d& by) {
-    const Vec6 step = by;
-    set_translation(T, translation(T) + step.t);
-    turn(T, step.r);
-    orthonormalize(T);
   }
 
   double cost() const {

@@ -13,9 +13,11 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/jackknife.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board_adjustment.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/model/projection.hpp"
 
 namespace evmarker {
@@ -271,26 +273,16 @@ class BoardCalibrator {
     return result;
   }
 
-  // Of translation and rotation of each marker on the board, by leaving out one tenth of the views after the other
-  // (jackknife), so that what the errors of successive views have in common is in them; at least those that the scatter
-  // of the residuals gives, as of a marker that is in one tenth alone.
+  // Of translation and rotation of each marker on the board, by the jackknife; at least those that the scatter of the
+  // residuals gives, as of a marker that is seen in one tenth of the views alone.
   static std::vector<Vector6d> variances_of(const BoardAdjustment& adjustment) {
-    constexpr std::size_t kStretches = 10;
-    const std::vector<BoardView>& views = adjustment.views();
     std::vector<Vector6d> variances(adjustment.markers().size(), Vector6d::Zero());
-    for (std::size_t stretch = 0; stretch < kStretches; ++stretch) {
-      std::vector<BoardView> others;
-      for (std::size_t i = 0; i < views.size(); ++i)
-        if (i * kStretches / views.size() != stretch) others.push_back(views[i]);
+    leave_out_tenths(adjustment.views(), [&](std::vector<BoardView> others) {
       BoardAdjustment without(adjustment.markers(), std::move(others));
       without.solve();
-      for (std::size_t m = 1; m < variances.size(); ++m) {
-        const Eigen::Isometry3d &T = adjustment.markers()[m], &moved = without.markers()[m];
-        Vector6d by;
-        by << moved.translation() - T.translation(), so3_log(moved.linear() * T.linear().transpose());
-        variances[m] += (kStretches - 1.0) / kStretches * by.cwiseAbs2();
-      }
-    }
+      for (std::size_t m = 1; m < variances.size(); ++m)
+        variances[m] += kJackknifeWeight * pose_difference(adjustment.markers()[m], without.markers()[m]).cwiseAbs2();
+    });
     const Eigen::VectorXd scatter = adjustment.covariance().diagonal();
     for (std::size_t m = 1; m < variances.size(); ++m)
       variances[m] = variances[m].cwiseMax(scatter.segment<6>(6 * static_cast<Eigen::Index>(m - 1)));

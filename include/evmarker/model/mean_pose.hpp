@@ -10,8 +10,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "evmarker/base/so3.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 
 namespace evmarker {
 
@@ -52,15 +52,13 @@ class PoseAverage {
       Matrix6d H = Matrix6d::Zero();
       Vector6d g = Vector6d::Zero();
       for (std::size_t i = 0; i < poses_.size(); ++i) {
-        const Vector6d e = error(mean.T, poses_[i].T);
+        const Vector6d e = pose_difference(mean.T, poses_[i].T);
         const Matrix6d W = weight(e, information[i], scale2) * information[i];
         H += W;
         g += W * e;
       }
       const Vector6d step = H.llt().solve(g);
-      set_translation(mean.T, translation(mean.T) + Vec3(step.head<3>()));
-      turn(mean.T, step.tail<3>());
-      orthonormalize(mean.T);
+      perturb(mean.T, step);
       if (step.norm() < 1e-12) break;
     }
     describe(mean, information, scale2);
@@ -82,12 +80,6 @@ class PoseAverage {
     return diagonal.asDiagonal();
   }
 
-  static Vector6d error(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to) {
-    Vector6d e;
-    e << to.translation() - from.translation(), so3_log(to.linear() * from.linear().transpose());
-    return e;
-  }
-
   static double share(const Vector6d& e, const Matrix6d& information, double scale2) {
     return 1 / (1 + e.dot(information * e) / scale2);
   }
@@ -104,7 +96,7 @@ class PoseAverage {
     for (std::size_t i = 0; i < poses_.size(); i += every) {
       double sum = 0;
       for (std::size_t k = 0; k < poses_.size(); k += every) {
-        const Vector6d e = error(poses_[i].T, poses_[k].T);
+        const Vector6d e = pose_difference(poses_[i].T, poses_[k].T);
         sum += std::sqrt(e.dot(alike() * e));
       }
       if (sum < least) best = poses_[i].T;
@@ -117,7 +109,7 @@ class PoseAverage {
   double loss_width2(const Eigen::Isometry3d& T, const std::vector<Matrix6d>& information) const {
     std::vector<double> squares;
     for (std::size_t i = 0; i < poses_.size(); ++i) {
-      const Vector6d e = error(T, poses_[i].T);
+      const Vector6d e = pose_difference(T, poses_[i].T);
       squares.push_back(e.dot(information[i] * e));
     }
     const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
@@ -134,7 +126,7 @@ class PoseAverage {
     for (std::size_t part = 0, i = 0; part < parts; ++part) {
       Vector6d g = Vector6d::Zero();
       for (; i < (part + 1) * poses_.size() / parts; ++i) {
-        const Vector6d e = error(mean.T, poses_[i].T);
+        const Vector6d e = pose_difference(mean.T, poses_[i].T);
         const double w = weight(e, information[i], scale2);
         const Vector6d pull = information[i] * e;
         A += w * information[i] - 4 / scale2 * w * share(e, information[i], scale2) * pull * pull.transpose();

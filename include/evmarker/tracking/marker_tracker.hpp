@@ -20,6 +20,7 @@
 #include "evmarker/tracking/marker_tracker_settings.hpp"
 #include "evmarker/tracking/track_health.hpp"
 #include "evmarker/tracking/verification.hpp"
+#include "evmarker/tracking/visibility.hpp"
 #include "evmarker/update/kalman_update.hpp"
 
 namespace evmarker {
@@ -45,8 +46,7 @@ class MarkerTracker {
         follower_(std::move(model), lines_of_sight_.focal_length(), T_camera_marker, follower_settings(settings)),
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
-        centre_(centre(follower_.matcher().model())),
-        face_(only_face(follower_.matcher().model())),
+        visibility_(follower_.matcher().model()),
         t_(t) {
     validate(settings);
     pose_.id = id;
@@ -258,8 +258,10 @@ class MarkerTracker {
     if (health_.lost() || certain_loss_ != LossReason::none) [[unlikely]]
       return &lose(certain_loss_ != LossReason::none ? certain_loss_ : health_.reason());
     if (!updated) return nullptr;
-    if (!follower_.in_front() || out_of_image()) return &lose(LossReason::left_image);
-    if (face_ && turned_away()) return &lose(LossReason::turned_away);
+    const Eigen::Isometry3d& T = follower_.T_camera_marker();
+    if (!follower_.in_front() || visibility_.out_of_image(T, lines_of_sight_.image()))
+      return &lose(LossReason::left_image);
+    if (visibility_.turned_away(T)) return &lose(LossReason::turned_away);
     if (health_.edges_due()) judge_edges();
     return &refresh_pose();
   }
@@ -368,32 +370,6 @@ class MarkerTracker {
     verification_.restart(follower_);
   }
 
-  // With less than half of the marker in the image, too few events are left to follow it.
-  bool out_of_image() const noexcept {
-    const Vec3 centre = transform(follower_.T_camera_marker(), centre_);
-    const Vec2 low = centre.z * lines_of_sight_.image().low, high = centre.z * lines_of_sight_.image().high;
-    return centre.x < low.x || centre.y < low.y || centre.x > high.x || centre.y > high.y;
-  }
-
-  // At 80 deg from the line of sight a face is a sixth as wide as it is long: its edges lie within the matching
-  // distance of each other, and where it turns farther, the pose would stay behind and stick to whatever else makes
-  // events there.
-  bool turned_away() const noexcept {
-    constexpr double kFlattest = 0.17364817766693033;  // cos 80 deg
-    const Vec3 sight = transform(follower_.T_camera_marker(), centre_);
-    const double towards = -dot(rotate(follower_.T_camera_marker(), *face_), sight);
-    return !(towards > 0) || towards * towards < kFlattest * kFlattest * squared_norm(sight);
-  }
-
-  // The normal of the face on which all edges are, if they are on one.
-  static std::optional<Vec3> only_face(const MarkerModel& model) noexcept {
-    const Vec3 normal = model.segments.front().face_normal;
-    const bool one = squared_norm(normal) > 0 && std::ranges::all_of(model.segments, [&](const MarkerSegment& segment) {
-                       return dot(normal, segment.face_normal) > 1 - 1e-9;
-                     });
-    return one ? std::optional(normal) : std::nullopt;
-  }
-
   // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.
   bool edges_within_matching_distance(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
@@ -413,9 +389,8 @@ class MarkerTracker {
   Verification<Rule> verification_;
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
-  Vec3 centre_;                                  // of the model's bounding box, marker frame [m]
-  std::optional<Vec3> face_;                     // see only_face
-  PoseEstimate pose_;                            // the last one reported, with the present results of verification
+  Visibility visibility_;
+  PoseEstimate pose_;  // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
   bool starting_ = false;  // searching, or replaying the events since the time of the pose found
   Timestamp t_;            // of the last event on or near the marker, or of its start
