@@ -152,8 +152,10 @@ class EdgeFollower {
     refresh_twist();
   }
 
-  /// Moves the pose on to a later time without events, by the rule's motion model.
-  void extrapolate(Timestamp t) noexcept requires MotionEstimatingRule<Rule> {
+  /// Moves the pose on to a later time by the rule's motion model: without events, but until `pushed_until`, as until
+  /// then all have been pushed.
+  void extrapolate(Timestamp t, Timestamp pushed_until) noexcept requires MotionEstimatingRule<Rule> {
+    if constexpr (MotionBoundingRule<Rule>) rule_.advance_by_event_count(T_camera_marker_, pushed_until);
     rule_.extrapolate(T_camera_marker_, t);
     start_from(T_camera_marker_);
   }

@@ -130,7 +130,7 @@ class MarkerTracker {
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
       if (!starting_ && edges_within_matching_distance(pose_at(t))) {
-        follower_.extrapolate(t);
+        follower_.extrapolate(t, t_);
         verification_.restart(follower_);
         t_ = t;
         return nullptr;

@@ -45,9 +45,10 @@ class TileMap {
   /// Sets where a marker may have events.
   /// @param reach lines of sight (X/Z, Y/Z)
   void move(std::size_t marker, const Box& reach) noexcept {
-    // With a margin, so that small motions change nothing.
+    // With a margin, so that small motions change nothing. Half of it is left for the motion by events that wait to be
+    // given to the marker.
     const Box before = areas_[marker], now = reach.widened(margin_);
-    if (before.contains(reach) && now.widened(margin_).contains(before)) return;
+    if (before.contains(reach.widened(margin_ / 2)) && now.widened(margin_).contains(before)) return;
     areas_[marker] = now;
     const std::uint64_t bit = bit_of(marker);
     for (std::size_t row = 0; row < rows_.size(); ++row) {

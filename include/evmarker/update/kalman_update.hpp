@@ -11,6 +11,7 @@
 #include "evmarker/simd/wide_vectors.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
+#include "evmarker/update/motion_noise.hpp"
 #include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
@@ -115,6 +116,7 @@ class KalmanUpdate {
 
     Vec6 step = pose(error);
     const Vec6 twist = twist_ + velocity(error);
+    if (count > 0) motion_noise_.add(velocity(error), dt, averaging_time());
     const double edge_speed = norm(twist.t) + std::sqrt(scales_.lever2) * norm(twist.r);
     // From the state's time, the mean of the events', to t; but no farther than the motion is bounded to.
     const double lead_s = std::min(dt - mean_dt, most_motion_m_ / edge_speed);
@@ -222,6 +224,9 @@ class KalmanUpdate {
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
   static constexpr double kPixelVariance = 1.0 / 12;     // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
+  // While an edge passes a pixel, its events lie first on one side and then on the other: over a few pixels that
+  // cancels.
+  static constexpr double kPxToAverage = 4;
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -312,15 +317,22 @@ class KalmanUpdate {
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
   double rotation_speed() const noexcept { return std::sqrt(scales_.lever2 * squared_norm(twist_.r)); }
   double speed(double rotation_speed) const noexcept { return norm(twist_.t) + rotation_speed; }
+  // How long the edges take for kPxToAverage, but no longer than a hand keeps an acceleration.
+  double averaging_time() const noexcept {
+    constexpr double kLongest_s = 0.05;
+    const double px_per_s = std::sqrt(scales_.gradient2) * speed(rotation_speed());
+    return kPxToAverage / std::max(px_per_s, kPxToAverage / kLongest_s);
+  }
   // White acceleration of a motion that changes its velocity within `turning_distance_m` [m^2/s^3].
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }
 
   // Density of the white acceleration along each axis, see KalmanSettings.
   std::array<double, 6> acceleration() const noexcept {
     const double rotation_speed = this->rotation_speed();
-    const double translation = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
-    const double edges_by_rotation = settings_.rotation_share * translation + turning_noise(rotation_speed);
-    const double rotation = edges_by_rotation / std::max(scales_.lever2, kSmallestLever2);
+    const double of_edges = settings_.acceleration_noise + turning_noise(speed(rotation_speed));
+    const double by_rotation = settings_.rotation_share * of_edges + turning_noise(rotation_speed);
+    const double translation = motion_noise_.translation(of_edges);
+    const double rotation = motion_noise_.rotation(by_rotation / std::max(scales_.lever2, kSmallestLever2));
     return {translation, translation, translation, rotation, rotation, rotation};
   }
 
@@ -406,6 +418,7 @@ class KalmanUpdate {
   double events_per_passage_ = 1;
   double events_per_px_ = 0;  // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
+  MotionNoise motion_noise_;
   KalmanMeasurements measurements_;  // since the last update
   double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
   struct Scales {
