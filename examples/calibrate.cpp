@@ -238,7 +238,8 @@ void calibrate(const Options& options) {
     std::printf("off by %.3f px from %s, on average over the image\n",
                 image_difference(*truth, fitter.camera(fit.intrinsics)).mean(), options.truth.c_str());
   if (!options.picture.empty() &&
-      !cv::imwrite(options.picture, draw_calibration(views, fit, options.lens(), recording.size())))
+      !cv::imwrite(options.picture, draw_calibration(views, fit, options.lens(), recording.size()),
+                   {cv::IMWRITE_PNG_COMPRESSION, 9}))
     throw std::runtime_error(options.picture + ": cannot be written");
   require_determined(fit, sigma, options.largest_error_px);
   opencv::save_calibration(options.output, fitter.camera(fit.intrinsics));

@@ -10,16 +10,36 @@
 
 #include "camera_fit.hpp"
 
-/// Draws every corner that was seen as a dot, and over it, for each part of the image, the mean of how far from there
-/// the calibration says it should be, as an arrow 100 times as long.
+namespace detail {
+
+// What the picture shows, in its last line, with an arrow of half a pixel of the sensor.
+// @param px of the picture to a pixel of the sensor, for arrows
+inline void draw_legend(cv::Mat& picture, double px, const cv::Scalar& arrows) {
+  const auto write = [&](const std::string& text, int x) {
+    cv::putText(picture, text, {x, picture.rows - 9}, cv::FONT_HERSHEY_SIMPLEX, 0.5, cv::Scalar::all(60), 1,
+                cv::LINE_AA);
+    return x + cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, 0.5, 1, nullptr).width + 8;
+  };
+  const int from = write("light: where corners were seen; arrows: mean of seen - calibrated,", 6);
+  const int to = from + cvRound(px / 2);
+  cv::arrowedLine(picture, {from, picture.rows - 13}, {to, picture.rows - 13}, arrows, 2, cv::LINE_AA, 0, 0.2);
+  write("= 0.5 px", to + 8);
+}
+
+}  // namespace detail
+
+/// Draws the pixels on which corners were seen, and over them, for each part of the image, the mean of how far from
+/// there the calibration says they should be, as an arrow; the line below says how long that is.
 inline cv::Mat draw_calibration(const std::vector<BoardCorners>& views, const CameraFit& fit, LensModel model,
                                 evmarker::SensorSize size) {
-  constexpr int kColumns = 16, kRows = 12, kArrow = 100;
+  constexpr int kColumns = 16, kRows = 12, kText = 28;
+  constexpr double kArrow = 100;  // of the picture's pixels to a pixel of the sensor
+  const cv::Scalar red(40, 40, 200);
   const int zoom = std::max(1, 1280 / size.width);
   const auto place = [&](evmarker::Vec2 pixel) {
     return cv::Point(cvRound(zoom * (pixel.x + 0.5)), cvRound(zoom * (pixel.y + 0.5)));
   };
-  cv::Mat picture(zoom * size.height + 24, zoom * size.width, CV_8UC3, cv::Scalar::all(255));
+  cv::Mat picture(zoom * size.height + kText, zoom * size.width, CV_8UC3, cv::Scalar::all(255));
   struct Mean {
     evmarker::Vec2 at, off;
     int count = 0;
@@ -32,7 +52,8 @@ inline cv::Mat draw_calibration(const std::vector<BoardCorners>& views, const Ca
       for (std::size_t i = 0; i < 4; ++i) {
         const evmarker::Vec2 corner = seen.corners_px[i];
         const auto row = static_cast<Eigen::Index>(2 * i);
-        cv::circle(picture, place(corner), 1, {225, 205, 180}, cv::FILLED);
+        cv::rectangle(picture, {zoom * cvRound(corner.x), zoom * cvRound(corner.y), zoom, zoom}, {225, 205, 180},
+                      cv::FILLED);
         const int x = std::clamp(static_cast<int>(corner.x * kColumns / size.width), 0, kColumns - 1);
         const int y = std::clamp(static_cast<int>(corner.y * kRows / size.height), 0, kRows - 1);
         Mean& mean = means[static_cast<std::size_t>(kColumns * y + x)];
@@ -44,10 +65,9 @@ inline cv::Mat draw_calibration(const std::vector<BoardCorners>& views, const Ca
   for (const Mean& mean : means) {
     if (mean.count == 0) continue;
     const evmarker::Vec2 at = 1.0 / mean.count * mean.at, off = 1.0 / mean.count * mean.off;
-    cv::arrowedLine(picture, place(at), place(at + kArrow / double(zoom) * off), {40, 40, 200}, 2, cv::LINE_AA, 0, 0.2);
+    cv::arrowedLine(picture, place(at), place(at + kArrow / zoom * off), red, 2, cv::LINE_AA, 0, 0.2);
   }
   cv::rectangle(picture, {0, 0, picture.cols, zoom * size.height}, cv::Scalar::all(160));
-  cv::putText(picture, "dots: corners seen; arrows: mean of seen - calibrated, " + std::to_string(kArrow) + " x",
-              {6, picture.rows - 7}, cv::FONT_HERSHEY_SIMPLEX, 0.5, cv::Scalar::all(60), 1, cv::LINE_AA);
+  detail::draw_legend(picture, kArrow, red);
   return picture;
 }

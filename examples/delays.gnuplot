@@ -1,5 +1,5 @@
 # End-to-end delay and output rate over time: gnuplot -c delays.gnuplot delays.csv delays.png
-set terminal pngcairo size 1200,700 font "sans,12" background "#ffffff"
+set terminal pngcairo size 700,420 font "sans,9" background "#ffffff"
 set output ARG2
 set datafile separator ","
 set key top right opaque
@@ -14,7 +14,8 @@ set ylabel "delay of a pose [ms]"
 set logscale y
 set yrange [0.01:*]
 set format y "%g"
-plot ARG1 using 1:2 every ::1 with points pt 7 ps 0.2 lc rgb "#1f77b4" title "from its event's time to its delivery", \
+plot ARG1 using 1:2 every ::1 with points pt 7 ps 0.2 lc rgb "#1f77b4" notitle, \
+     NaN with points pt 7 ps 1 lc rgb "#1f77b4" title "from its event's time to its delivery", \
      2.06 lc rgb "#d62728" dt 2 title "mean of the paper: 2.06 ms"
 unset logscale y
 set yrange [0:*]

@@ -8,6 +8,7 @@
 #include <evmarker/model/board_calibration.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <filesystem>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -73,10 +74,13 @@ struct Options {
   }
 };
 
-// A hundred times a second, the poses of all markers; returns for how long they were recorded [s].
-double track(const Options& o, const PinholeCamera& camera, io::EventReader& recording, BoardCalibrator& calibrator) {
-  Tracker tracker(camera, opencv::ArucoDetector(
-                              camera, {.dictionary = o.dictionary, .marker_length = o.marker_length, .ids = o.ids}));
+// Adds the poses of all markers a hundred times a second; returns for how long they were recorded [s].
+double track(const Options& o, const PinholeCamera& camera, const TrackerSettings<>& settings,
+             BoardCalibrator& calibrator) {
+  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera, o.text.layout());
+  const opencv::ArucoDetector detector(camera,
+                                       {.dictionary = o.dictionary, .marker_length = o.marker_length, .ids = o.ids});
+  Tracker tracker(camera, detector, settings);
   TickTimes ticks(std::chrono::milliseconds(10), std::chrono::seconds(1));
   console::ProgressBar progress(o.quiet);
   std::optional<Timestamp> begin;
@@ -91,6 +95,7 @@ double track(const Options& o, const PinholeCamera& camera, io::EventReader& rec
         [&](Timestamp, std::span<const PoseEstimate> poses) { calibrator.add(poses); });
     progress.update(recording.bytes_read(), recording.bytes_total());
   }
+  if (!interruption::requested) recording_checks::require_sane(recording, o.recording, o.camera, true);
   return begin && end > *begin ? 1e-6 * static_cast<double>(elapsed_us(*begin, end)) : 0;
 }
 
@@ -117,10 +122,17 @@ void make_board(const Options& o) {
   interruption::watch();
   const PinholeCamera camera = opencv::load_calibration(o.camera);
   BoardCalibrator calibrator(ids, o.marker_length, camera.focal_length());
-  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera, o.text.layout());
-  const double recorded_s = track(o, camera, recording, calibrator);
+  const double recorded_s = track(o, camera, {}, calibrator);
+  // A pipe can be read only once. What is interrupted the second time is better as it was known the first time.
+  if (!interruption::requested && std::filesystem::is_regular_file(o.recording)) {
+    TrackerSettings<> settings;
+    settings.marker.update.initial_trail_px = calibrator.trail_px();
+    settings.marker.update.initial_sigma_trail_px = 1e-4;
+    BoardCalibrator with_trail(ids, o.marker_length, camera.focal_length());
+    track(o, camera, settings, with_trail);
+    if (!interruption::requested) calibrator = std::move(with_trail);
+  }
   const bool interrupted = interruption::requested;
-  if (!interrupted) recording_checks::require_sane(recording, o.recording, o.camera, true);
   BoardCalibration calibration;
   try {
     calibration = calibrator.solve();

@@ -140,7 +140,7 @@ TEST_CASE("a board is calibrated as well as the errors of the poses allow, also 
       const CalibrationError error = worst_error(calibration, cube());
       CAPTURE(mirrored);
       CHECK(error.mm < 0.15);
-      CHECK(error.deg < 0.2);
+      CHECK(error.deg < 0.25);  // these errors do not grow with the tilt, as the weights assume
       CHECK(calibration.markers[0].sigma_m == 0);
       CHECK(calibration.markers[0].T_board_marker.isApprox(Eigen::Isometry3d::Identity(), 1e-15));
       CHECK(calibration.residual_px == doctest::Approx(0.2).epsilon(0.5));
@@ -202,7 +202,7 @@ TEST_CASE("what does not determine a board is refused in a sentence that says wh
   CHECK_MESSAGE(by_turning.ends_with("turn the body by 10 deg or more"), by_turning);
 }
 
-TEST_CASE("a cube is measured to 0.2 mm and 0.1 deg from a recording, and tracked as well as with its true board") {
+TEST_CASE("a cube is measured to 0.1 mm and 0.06 deg from a recording, and tracked as well as with its true board") {
   if (kSanitized) {
     MESSAGE("skipped: takes minutes with sanitizers");
     return;
@@ -213,30 +213,36 @@ TEST_CASE("a cube is measured to 0.2 mm and 0.1 deg from a recording, and tracke
       {simulated::camera, simulated_markers(board, motion), SimulatorSettings{.duration_s = 12, .seed = 2}});
   const opencv::ArucoDetector detector(simulated::camera, {.marker_length = kCubeMarkerLength, .ids = {1, 2, 3, 4, 5}});
 
-  Tracker tracker(simulated::camera, detector);
-  BoardCalibrator calibrator = ::calibrator();
-  AccuracyMeter single;
-  Timestamp next = 0;
-  for (const Event& event : events) {
-    for (; event.t >= next; next += 10000) {
-      std::vector<PoseEstimate> poses;
-      for (const auto& marker : tracker.markers())
-        poses.push_back(marker.pose_at(std::max(next, marker.estimate().t), next));
-      calibrator.add(poses);
+  TrackerSettings<> settings;
+  const auto calibrated = [&] {
+    Tracker tracker(simulated::camera, detector, settings);
+    BoardCalibrator calibrator = ::calibrator();
+    AccuracyMeter single;
+    Timestamp next = 0;
+    for (const Event& event : events) {
+      for (; event.t >= next; next += 10000) {
+        std::vector<PoseEstimate> poses;
+        for (const auto& marker : tracker.markers())
+          poses.push_back(marker.pose_at(std::max(next, marker.estimate().t), next));
+        calibrator.add(poses);
+      }
+      for (const PoseEstimate& pose : tracker.push(event))
+        single.add(pose, motion(simulated::seconds(pose.t)) *
+                             board.markers[static_cast<std::size_t>(pose.id - 1)].T_board_marker);
     }
-    for (const PoseEstimate& pose : tracker.push(event))
-      single.add(pose, motion(simulated::seconds(pose.t)) *
-                           board.markers[static_cast<std::size_t>(pose.id - 1)].T_board_marker);
-  }
-  CHECK(single.tracking() > 10000);
-  CHECK(single.wild() == 0);  // no marker that turns away sticks to what is behind it
-  const BoardCalibration calibration = calibrator.solve();
+    CHECK(single.tracking() > 10000);
+    CHECK(single.wild() == 0);  // no marker that turns away sticks to what is behind it
+    return calibrator;
+  };
+  settings.marker.update.initial_trail_px = calibrated().trail_px();
+  settings.marker.update.initial_sigma_trail_px = 1e-4;
+  const BoardCalibration calibration = calibrated().solve();
   const CalibrationError error = worst_error(calibration, board);
   MESSAGE("worst of four markers: " << error.mm << " mm " << error.deg << " deg, " << error.sigmas
                                     << " standard deviations; corners within " << calibration.residual_px << " px");
-  CHECK(error.mm < 0.2);
-  CHECK(error.deg < 0.1);
-  CHECK(error.sigmas < 3);
+  CHECK(error.mm < 0.1);
+  CHECK(error.deg < 0.06);
+  CHECK(error.sigmas < 2.5);
 
   Board made = board;
   for (std::size_t m = 0; m < made.markers.size(); ++m)

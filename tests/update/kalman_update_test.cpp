@@ -343,6 +343,18 @@ double mean_error(Follower& follower, const std::vector<PolarSight>& events, Pol
 
 }  // namespace
 
+TEST_CASE("a trail that is known holds, and the pose does not trail") {
+  constexpr double kTrail_px = 0.4, kCertain_px = 1e-4;
+  const auto events = trailing_events(200000, 0.2, kTrail_px);
+  Follower known = follower(swaying(0), 20, {.initial_sigma_trail_px = kCertain_px, .initial_trail_px = kTrail_px}),
+           none = follower(swaying(0), 20, {.initial_sigma_trail_px = kCertain_px});
+  CHECK(known.rule().trail_px() == kTrail_px);
+  const double error = mean_error(known, events, Polarity::told), trailing = mean_error(none, events, Polarity::told);
+  MESSAGE("error " << 1e3 * error << " mm, without trail " << 1e3 * trailing << " mm");
+  CHECK(known.rule().trail_px() == doctest::Approx(kTrail_px).epsilon(1e-3));
+  CHECK(error < 0.5 * trailing);
+}
+
 TEST_CASE("how far events trail is learned when the motion turns, and the pose does not trail") {
   for (const auto& [offset_px, trail_px] : {std::pair{0.0, 0.4}, {0.2, 0.4}, {0.3, 0.2}, {0.2, 0.0}})
     for (const int n : {1, 20, 100}) {
@@ -813,8 +825,9 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"initial_sigma_v_m_s", &KalmanSettings::initial_sigma_v_m_s},
       {"initial_sigma_w_rad_s", &KalmanSettings::initial_sigma_w_rad_s},
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
-      {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px}};
-  static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
+      {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px},
+      {"initial_trail_px", &KalmanSettings::initial_trail_px}};
+  static_assert(sizeof(KalmanSettings) == 17 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/median.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
@@ -19,7 +20,7 @@ namespace evmarker {
 struct MarkerSighting {
   std::size_t marker = 0;  ///< its place among the board's markers
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
-  Matrix6d whitening = Matrix6d::Identity();  ///< W with W P W^T = I for the pose's covariance P
+  Matrix6d whitening = Matrix6d::Identity();  ///< W with W P W^T = I, P the covariance by which the pose counts
 };
 
 /// Markers seen at one time.
@@ -182,9 +183,7 @@ class BoardAdjustment {
     std::vector<double> lengths;
     for (const BoardView& view : views_)
       for (const MarkerSighting& sighting : view.sightings) lengths.push_back(residual(view, sighting).norm());
-    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
-    std::nth_element(lengths.begin(), middle, lengths.end());
-    return *middle;
+    return median(std::move(lengths));
   }
 
   // Variance of an element of the whitened residuals, times the number of successive views in which they err alike.

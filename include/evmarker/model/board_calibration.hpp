@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "evmarker/base/jackknife.hpp"
+#include "evmarker/base/median.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board_adjustment.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -37,7 +38,8 @@ struct BoardCalibration {
 };
 
 /// Collects poses of single markers at many times and finds the board on which they are, see BoardAdjustment. A pose
-/// counts by its covariance: depth and tilt, which the image hardly shows, then have no more weight than they deserve.
+/// counts by its covariance, and less at a flat angle: depth and tilt, which the image hardly shows, then have no more
+/// weight than they deserve.
 class BoardCalibrator {
  public:
   /// @param ids of the markers; the frame of the first is that of the board
@@ -58,10 +60,18 @@ class BoardCalibrator {
     View view;
     for (std::size_t m = 0; m < ids_.size(); ++m)
       for (const PoseEstimate& pose : poses)
-        if (pose.id == ids_[m] && usable(pose)) view.push_back({m, pose.T_camera_marker, whitening(*pose.covariance)});
+        if (pose.id == ids_[m] && usable(pose)) {
+          view.push_back({m, pose.T_camera_marker, whitening(pose)});
+          if (pose.trail_px) trails_px_.push_back(*pose.trail_px);
+        }
     if (view.size() < 2 || (!views_.empty() && alike(views_.back(), view))) return;
     views_.push_back(std::move(view));
   }
+
+  /// How far events lie behind their moving edges, the median over all poses; 0 without any. It is a property of sensor
+  /// and print. The estimates of single markers err by as much as it is, which turns and shifts their poses: tracked
+  /// again with this as `KalmanSettings::initial_trail_px`, they make the board more accurate.
+  double trail_px() const { return trails_px_.empty() ? 0 : median(trails_px_); }
 
   /// Finds the board.
   /// @throws std::runtime_error in one sentence if a marker was not seen together with others, or the board not from
@@ -99,8 +109,12 @@ class BoardCalibrator {
     return pose.quality.state == TrackingState::tracking && pose.covariance &&
            Eigen::LLT<Matrix6d>(*pose.covariance).info() == Eigen::Success;
   }
-  static Matrix6d whitening(const Matrix6d& covariance) {
-    return Eigen::LLT<Matrix6d>(covariance).matrixL().solve(Matrix6d::Identity());
+
+  // With the cosine of the tilt as a factor: the errors that successive poses have in common, which the covariance does
+  // not know, grow as a marker is seen at a flatter angle.
+  static Matrix6d whitening(const PoseEstimate& pose) {
+    const double cos_tilt = direction(pose.T_camera_marker, Eigen::Isometry3d::Identity()).z;
+    return cos_tilt * Eigen::LLT<Matrix6d>(*pose.covariance).matrixL().solve(Matrix6d::Identity());
   }
 
   std::array<Vec2, 4> corners(const Eigen::Isometry3d& T_camera_marker) const {
@@ -179,11 +193,10 @@ class BoardCalibrator {
         if (const MarkerSighting* a = find(view, links[i].from), *b = find(view, links[i].to);
             a != nullptr && b != nullptr)
           errors.push_back(distance_px(a->T_camera_marker * links[i].T_from_to, b->T_camera_marker));
-      const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-      std::nth_element(errors.begin(), middle, errors.end());
-      if (best == nullptr || *middle < least) {
+      const double error = median(std::move(errors));
+      if (best == nullptr || error < least) {
         best = &links[i];
-        least = *middle;
+        least = error;
       }
     }
     return *best;
@@ -292,6 +305,7 @@ class BoardCalibrator {
   std::vector<MarkerId> ids_;
   double length_, focal_length_;
   std::vector<View> views_;
+  std::vector<double> trails_px_;
 };
 
 }  // namespace evmarker

@@ -8,8 +8,10 @@
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
+#include "evmarker/base/median.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
 
@@ -112,9 +114,7 @@ class PoseAverage {
       const Vector6d e = pose_difference(T, poses_[i].T);
       squares.push_back(e.dot(information[i] * e));
     }
-    const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
-    std::nth_element(squares.begin(), middle, squares.end());
-    return 4 * std::max(*middle, 1e-12);
+    return 4 * std::max(median(std::move(squares)), 1e-12);
   }
 
   // Sets covariance and spread. The covariance is A^-1 G A^-1 with the derivative A of the weighted sum of residuals by

@@ -36,6 +36,7 @@ struct KalmanSettings {
   double initial_sigma_w_rad_s = 3;
   double initial_sigma_offset_px = 0.3;
   double initial_sigma_trail_px = 0.3;
+  double initial_trail_px = 0;  ///< where it is known, with a small `initial_sigma_trail_px`
 };
 
 /// @throws std::invalid_argument naming the setting and its value
@@ -57,6 +58,7 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
   require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
   require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
+  require.not_negative(settings.initial_trail_px, "initial_trail_px");
 }
 
 }  // namespace evmarker

@@ -38,6 +38,7 @@ class KalmanUpdate {
                              settings.initial_sigma_w_rad_s};
     for (int i = 0; i < 12; ++i) P_.xx(i, i) = squared(sigmas[i / 3]);
     for (std::size_t b = 0; b < kBiases; ++b) P_.bb[b][b] = initial_bias_variance(b);
+    bias_px_[kTrail] = settings.initial_trail_px;
   }
 
   // The running means extend over 1000 events (spread2_px_, of the squared residuals) and 100 events (scales_, of lever
