@@ -62,6 +62,7 @@ TEST_CASE("fuzzed: EVT2") { run_target("evt2"); }
 TEST_CASE("fuzzed: EVT2.1") { run_target("evt21"); }
 TEST_CASE("fuzzed: EVT3") { run_target("evt3"); }
 TEST_CASE("fuzzed: RAW recordings") { run_target("raw"); }
+TEST_CASE("fuzzed: DAT recordings") { run_target("dat"); }
 TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
 TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
 TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }

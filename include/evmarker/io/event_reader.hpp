@@ -6,19 +6,21 @@
 #include <cctype>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <utility>
-#include <variant>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
+#include "evmarker/io/dat_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 
 namespace evmarker::io {
@@ -33,7 +35,7 @@ struct EventReaderOptions {
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text };
+enum class RecordingKind { raw, text, dat };
 
 namespace detail {
 
@@ -68,7 +70,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "text (x,y,p,t or t x y p)"};
+                    "DAT, text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -105,11 +107,11 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   const bool prophesee = head.starts_with("% ");
   const bool names_encoding = head.find("% evt ") != head.npos || head.find("% format ") != head.npos;
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
-    throw detail::not_supported(path, "DAT");
+    return RecordingKind::dat;
   if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
   if (extension == ".raw") return RecordingKind::raw;  // RawReader reports the exact fault
   if (detail::looks_like_text(head)) return RecordingKind::text;
-  if (extension == ".dat") throw detail::not_supported(path, "DAT");
+  if (extension == ".dat") return RecordingKind::dat;  // DatReader reports the exact fault
   for (const auto& kind : detail::kUnsupportedKinds)
     if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)
       throw detail::not_supported(path, kind.name);
@@ -122,45 +124,41 @@ class EventReader {
   using event_type = Event;
 
   /// @throws RecordingError where the file cannot be read
-  explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {})
-      : reader_(open(path, options)) {}
-
-  SensorSize sensor_size() const {
-    return std::visit([](const auto& reader) { return reader.sensor_size(); }, reader_);
-  }
-  /// The next events in the order of the file, valid until the next call; none at the end.
-  std::span<const Event> next_batch() {
-    return std::visit([](auto& reader) { return reader.next_batch(); }, reader_);
-  }
-  /// Trigger events among the events of the last batch.
-  std::span<const TriggerEvent> triggers() const {
-    return std::visit([](const auto& reader) { return reader.triggers(); }, reader_);
-  }
-  RecordingStatistics statistics() const {
-    return std::visit([](const auto& reader) { return reader.statistics(); }, reader_);
-  }
-  std::uint64_t bytes_read() const {
-    return std::visit([](const auto& reader) { return reader.bytes_read(); }, reader_);
-  }
-  std::uint64_t bytes_total() const {
-    return std::visit([](const auto& reader) { return reader.bytes_total(); }, reader_);
-  }
-  RecordingKind kind() const noexcept {
-    return std::holds_alternative<RawReader>(reader_) ? RecordingKind::raw : RecordingKind::text;
-  }
-
- private:
-  using Reader = std::variant<RawReader, CsvReader>;
-
-  static Reader open(const std::filesystem::path& path, const EventReaderOptions& options) {
+  explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {}) {
     BlockReader blocks(path, BlockReader::kBlockBytes, options.stop);
     const auto head = blocks.first();
-    if (recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path) == RecordingKind::raw)
-      return RawReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero});
-    return CsvReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+    kind_ = recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path);
+    reader_ = open(kind_, std::move(blocks), options);
   }
 
-  Reader reader_;
+  SensorSize sensor_size() const { return reader_->sensor_size(); }
+  /// The next events in the order of the file, valid until the next call; none at the end.
+  /// @throws RecordingError naming what cannot be read, once all events before it are delivered
+  std::span<const Event> next_batch() { return reader_->next_batch(); }
+  /// Trigger events among the events of the last batch, or behind the last event of the file.
+  std::span<const TriggerEvent> triggers() const { return reader_->triggers(); }
+  RecordingStatistics statistics() const { return reader_->statistics(); }
+  std::uint64_t bytes_read() const { return reader_->bytes_read(); }
+  /// Size of the file; 0 where it has none, like a pipe.
+  std::uint64_t bytes_total() const { return reader_->bytes_total(); }
+  RecordingKind kind() const noexcept { return kind_; }
+
+ private:
+  static std::unique_ptr<RecordingReader> open(RecordingKind kind, BlockReader blocks,
+                                               const EventReaderOptions& options) {
+    const RecordingOptions common{options.sensor_size, options.shift_first_time_to_zero};
+    switch (kind) {
+      case RecordingKind::raw: return std::make_unique<RawReader>(std::move(blocks), common);
+      case RecordingKind::dat: return std::make_unique<DatReader>(std::move(blocks), common);
+      case RecordingKind::text: break;
+    }
+    return std::make_unique<CsvReader>(
+        std::move(blocks),
+        CsvReaderOptions{options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+  }
+
+  RecordingKind kind_ = RecordingKind::text;
+  std::unique_ptr<RecordingReader> reader_;
 };
 
 }  // namespace evmarker::io
