@@ -88,6 +88,25 @@ void read_bytes(benchmark::State& state, std::string (*make)(std::span<const Eve
 }
 
 std::string make_dat(std::span<const Event> events, SensorSize size) { return io::test::make_dat(events, size); }
+template <io::Aedat4Compression Compression>
+std::string make_aedat4(std::span<const Event> events, SensorSize size) {
+  return io::test::make_aedat4(events, size, Compression);
+}
 BENCHMARK_CAPTURE(read_bytes, dat, make_dat)->Name("read/dat")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_bytes, aedat2, io::test::make_aedat2)->Name("read/aedat2")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_bytes, aedat3, io::test::make_aedat3)->Name("read/aedat3")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_bytes, aedat4, make_aedat4<io::Aedat4Compression::none>)
+    ->Name("read/aedat4/none")
+    ->Unit(benchmark::kMillisecond);
+#ifdef EVMARKER_HAS_LZ4
+BENCHMARK_CAPTURE(read_bytes, lz4, make_aedat4<io::Aedat4Compression::lz4>)
+    ->Name("read/aedat4/lz4")
+    ->Unit(benchmark::kMillisecond);
+#endif
+#ifdef EVMARKER_HAS_ZSTD
+BENCHMARK_CAPTURE(read_bytes, zstd, make_aedat4<io::Aedat4Compression::zstd>)
+    ->Name("read/aedat4/zstd")
+    ->Unit(benchmark::kMillisecond);
+#endif
 
 }  // namespace

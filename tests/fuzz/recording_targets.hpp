@@ -1,11 +1,16 @@
 #pragma once
 // Fuzzed: whole recordings of the kinds other than RAW and text.
+#include <algorithm>
 #include <cstddef>
 #include <functional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "evmarker/io/aedat2_reader.hpp"
+#include "evmarker/io/aedat3_reader.hpp"
+#include "evmarker/io/aedat4_reader.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
 #include "fuzz/evt_targets.hpp"
@@ -84,6 +89,99 @@ inline std::vector<std::string> dat_seeds() {
   return seeds;
 }
 
+inline std::vector<std::string> aedat2_seeds() {
+  std::vector<std::string> seeds;
+  for (std::uint64_t seed = 0; seed < 6; ++seed) {
+    const bool davis = seed % 2 == 0;
+    std::string bytes = io::test::aedat2_header(davis ? "DavisX" : "");
+    for (const Event& event : some_events(seed))
+      bytes += io::test::aedat2_record(
+          davis ? io::test::davis_address(event, {64, 48}) : io::test::dvs128_address(event), event.t);
+    seeds.push_back(bytes);
+  }
+  return seeds;
+}
+
+inline std::string make_aedat2_part(Random& random) {
+  static const std::vector<std::string> lines{"#!AER-DAT2.0\r\n", "# AEChip: DVS128\r\n", "# AEChip: DAVIS240C\r\n",
+                                              "#End Of ASCII Header\r\n", "#"};
+  if (below(random, 4) == 0) return lines[below(random, lines.size())];
+  const Event event = some_events(6 * random.bits()).front();
+  return io::test::aedat2_record(
+      below(random, 2) == 0 ? io::test::davis_address(event, {64, 48}) : io::test::dvs128_address(event), event.t - 50);
+}
+
+inline std::vector<std::string> aedat3_seeds() {
+  std::vector<std::string> seeds;
+  for (std::uint64_t seed = 0; seed < 6; ++seed) seeds.push_back(io::test::make_aedat3(some_events(seed), {64, 48}));
+  seeds.push_back(io::test::aedat3_header("DVS128") + io::test::aedat3_packet(0, 1, 8, 1, 0) + "\x05" +
+                  std::string(7, '\0'));
+  return seeds;
+}
+
+inline std::string make_aedat3_part(Random& random) {
+  static const std::vector<std::string> lines{"#!AER-DAT3.1\r\n", "#Source 1: DVS128\r\n", "#Format: RAW\r\n",
+                                              "#!END-HEADER\r\n"};
+  switch (below(random, 4)) {
+    case 0: return lines[below(random, lines.size())];
+    case 1:
+      return io::test::aedat3_packet(static_cast<int>(below(random, 3)), static_cast<int>(below(random, 3)), 8,
+                                     below(random, 5), random.bits() % 2 == 0 ? 0 : random.bits());
+    default: return io::test::aedat3_event(some_events(6 * random.bits()).front());
+  }
+}
+
+inline std::vector<io::Aedat4Compression> built_compressions() {
+  std::vector<io::Aedat4Compression> compressions{io::Aedat4Compression::none};
+#ifdef EVMARKER_HAS_LZ4
+  compressions.push_back(io::Aedat4Compression::lz4);
+#endif
+#ifdef EVMARKER_HAS_ZSTD
+  compressions.push_back(io::Aedat4Compression::zstd);
+#endif
+  return compressions;
+}
+
+// The input as the content of a frame, of which for every other input one byte is garbled.
+inline void fuzz_decompressors(std::string_view input) {
+  const std::size_t garbled = std::hash<std::string_view>()(input);
+  for (const auto compression : built_compressions()) {
+    const auto decompressor = io::detail::make_decompressor(compression, "fuzzed");
+    if (!decompressor) continue;
+    std::string frame = io::test::compress(std::string(input), compression);
+    if (garbled % 2 == 1) frame[garbled / 2 % frame.size()] ^= static_cast<char>(1U << garbled / 2 % 8);
+    try {
+      const auto content = decompressor->decompress(as_bytes(frame));
+      require_that(garbled % 2 == 1 || std::ranges::equal(content, as_bytes(input)), "frames hold what was compressed");
+    } catch (const std::runtime_error&) {
+      require_that(garbled % 2 == 1, "whole frames are decompressed");
+    }
+  }
+}
+
+inline std::vector<std::string> aedat4_seeds() {
+  std::vector<std::string> seeds;
+  for (std::uint64_t seed = 0; seed < 6; ++seed) seeds.push_back(io::test::make_aedat4(some_events(seed), {64, 48}));
+  return seeds;
+}
+
+inline std::string make_aedat4_part(Random& random) {
+  const auto compressions = built_compressions();
+  const auto compression = compressions[below(random, compressions.size())];
+  const std::uint64_t any = random.bits() >> below(random, 64);
+  switch (below(random, 4)) {
+    case 0:
+      return io::test::aedat4_header(static_cast<int>(below(random, 6)), static_cast<std::int64_t>(any),
+                                     io::test::aedat4_streams({64, 48}));
+    case 1: return io::test::little(any, std::size_t{1} << below(random, 4));
+    case 2: return "<node name=\"outInfo\"><node name=\"1\"><attr key=\"typeIdentifier\">EVTS</attr></node></node>";
+    default:
+      return io::test::aedat4_packet(
+          static_cast<int>(below(random, 3)),
+          io::test::compress(io::test::aedat4_events(some_events(random.bits() % 4)), compression));
+  }
+}
+
 inline std::string make_dat_part(Random& random) {
   static const std::vector<std::string> lines{
       "% Version 1\n",      "% Version 2\n", "% Width 64\n", "% Height 48\n", "% Height -1\n",
@@ -103,10 +201,21 @@ inline void fuzz_dat(std::string_view input) {
   detail::fuzz_recording<io::DatReader>(input, header + 1);
 }
 
+// Their headers are read line by line.
+inline void fuzz_aedat2(std::string_view input) { detail::fuzz_recording<io::Aedat2Reader>(input, 61); }
+inline void fuzz_aedat3(std::string_view input) { detail::fuzz_recording<io::Aedat3Reader>(input, 61); }
+inline void fuzz_aedat4(std::string_view input) {
+  detail::fuzz_recording<io::Aedat4Reader>(input, 61);
+  detail::fuzz_decompressors(input);
+}
+
 inline std::vector<Target> recording_targets() {
   using namespace detail;
   return {
       {"dat", fuzz_dat, dat_seeds, {0, 1, make_dat_part}, 512, 50'000, 5},
+      {"aedat2", fuzz_aedat2, aedat2_seeds, {0, 1, make_aedat2_part}, 512, 50'000, 6.5},
+      {"aedat3", fuzz_aedat3, aedat3_seeds, {0, 1, make_aedat3_part}, 1024, 50'000, 4.4},
+      {"aedat4", fuzz_aedat4, aedat4_seeds, {0, 1, make_aedat4_part}, 4096, 50'000, 3.2},
   };
 }
 

@@ -15,6 +15,9 @@
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/aedat2_reader.hpp"
+#include "evmarker/io/aedat3_reader.hpp"
+#include "evmarker/io/aedat4_reader.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
@@ -35,7 +38,7 @@ struct EventReaderOptions {
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text, dat };
+enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4 };
 
 namespace detail {
 
@@ -44,7 +47,7 @@ struct UnsupportedKind {
 };
 
 inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
-    {"AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
+    {"other AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
     {"HDF5", "\x89HDF\r\n\x1a\n", " .h5 .hdf5 "},
     {"rosbag", "#ROSBAG V", " .bag "},
     {"rosbag (MCAP)", "\x89MCAP0\r\n", " .mcap "},
@@ -70,7 +73,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "DAT, text (x,y,p,t or t x y p)"};
+                    "DAT, AEDAT 2, 3.1 and 4, text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -102,6 +105,9 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
 
   for (const auto& [name, magic, unpack] : detail::kCompressions)
     if (head.starts_with(magic)) throw detail::compressed(path, name, unpack);
+  if (head.starts_with("#!AER-DAT2.0")) return RecordingKind::aedat2;
+  if (head.starts_with("#!AER-DAT3.1")) return RecordingKind::aedat3;
+  if (head.starts_with("#!AER-DAT4.0")) return RecordingKind::aedat4;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
   const bool prophesee = head.starts_with("% ");
@@ -150,6 +156,9 @@ class EventReader {
     switch (kind) {
       case RecordingKind::raw: return std::make_unique<RawReader>(std::move(blocks), common);
       case RecordingKind::dat: return std::make_unique<DatReader>(std::move(blocks), common);
+      case RecordingKind::aedat2: return std::make_unique<Aedat2Reader>(std::move(blocks), common);
+      case RecordingKind::aedat3: return std::make_unique<Aedat3Reader>(std::move(blocks), common);
+      case RecordingKind::aedat4: return std::make_unique<Aedat4Reader>(std::move(blocks), common);
       case RecordingKind::text: break;
     }
     return std::make_unique<CsvReader>(
