@@ -10,6 +10,7 @@
 
 #include "evmarker/io/event_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
+#include "io/hdf5_bytes.hpp"
 #include "io/recording_bytes.hpp"
 #include "recording.hpp"
 
@@ -107,6 +108,18 @@ BENCHMARK_CAPTURE(read_bytes, lz4, make_aedat4<io::Aedat4Compression::lz4>)
 BENCHMARK_CAPTURE(read_bytes, zstd, make_aedat4<io::Aedat4Compression::zstd>)
     ->Name("read/aedat4/zstd")
     ->Unit(benchmark::kMillisecond);
+#endif
+
+#ifdef EVMARKER_HAS_HDF5
+template <unsigned DeflateLevel>
+std::string make_hdf5(std::span<const Event> events, SensorSize) {
+  io::test::Hdf5Bytes file;
+  file.add_compounds("CD/events", events, {.chunk_rows = 16384, .deflate_level = DeflateLevel});
+  file.add_attribute("geometry", "640x480");
+  return file.bytes();
+}
+BENCHMARK_CAPTURE(read_bytes, hdf5, make_hdf5<0>)->Name("read/hdf5/none")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_bytes, gzip, make_hdf5<1>)->Name("read/hdf5/gzip")->Unit(benchmark::kMillisecond);
 #endif
 
 }  // namespace

@@ -2,6 +2,8 @@
 // Fuzzed: whole recordings of the kinds other than RAW and text.
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
+#include <cstdlib>
 #include <functional>
 #include <stdexcept>
 #include <string>
@@ -13,10 +15,12 @@
 #include "evmarker/io/aedat4_reader.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
+#include "evmarker/io/hdf5_reader.hpp"
 #include "fuzz/evt_targets.hpp"
 #include "fuzz/input.hpp"
 #include "fuzz/mutation.hpp"
 #include "fuzz/target.hpp"
+#include "io/hdf5_bytes.hpp"
 #include "io/recording_bytes.hpp"
 
 namespace evmarker::fuzz {
@@ -209,9 +213,121 @@ inline void fuzz_aedat4(std::string_view input) {
   detail::fuzz_decompressors(input);
 }
 
+#ifdef EVMARKER_HAS_HDF5
+
+namespace detail {
+
+/// What the first bytes of an input say about a file of HDF5; the bytes behind them are the rows.
+struct Hdf5Input {
+  int layout;  ///< datasets, compounds, columns
+  bool has_float_times;
+  io::test::Hdf5Storage storage;
+  std::int64_t offset;
+  std::vector<std::int64_t> x, y, p, t;
+
+  explicit Hdf5Input(std::string_view input) {
+    Numbers numbers(input);
+    layout = numbers.byte() % 3;
+    has_float_times = numbers.flag();
+    storage = {.chunk_rows = numbers.byte(), .deflate_level = 0};
+    storage.deflate_level = numbers.byte() % 2;
+    offset = static_cast<std::int64_t>(numbers.bits(8)) >> numbers.byte() % 64;
+    while (!numbers.empty()) {
+      x.push_back(static_cast<std::int8_t>(numbers.byte()));
+      y.push_back(static_cast<std::int8_t>(numbers.byte()));
+      p.push_back(static_cast<std::int8_t>(numbers.byte()) % 3);
+      t.push_back(static_cast<std::int64_t>(numbers.bits(8)) >> numbers.byte() % 64);
+    }
+    storage.chunk_rows = std::min<hsize_t>(storage.chunk_rows, x.size());  // libhdf5 makes no others
+    if (storage.chunk_rows == 0) storage.deflate_level = 0;
+  }
+
+  std::string file() const {
+    io::test::Hdf5Bytes file;
+    const hid_t time = has_float_times ? H5T_IEEE_F64LE : H5T_STD_I64LE;
+    if (layout == 0) {
+      file.add("events/x", x, H5T_STD_I8LE, storage);
+      file.add("events/y", y, H5T_STD_I16BE, storage);
+      file.add("events/p", p, H5T_STD_I32LE, storage);
+      file.add("events/t", t, time, storage);
+    } else {
+      std::vector<std::int64_t> rows;
+      for (std::size_t i = 0; i < x.size(); ++i) rows.insert(rows.end(), {x[i], y[i], t[i], p[i]});
+      if (layout == 1) {
+        const hid_t type = H5Tcreate(H5T_COMPOUND, 32);
+        for (std::size_t i = 0; i < 4; ++i) H5Tinsert(type, std::string(1, "xytp"[i]).c_str(), 8 * i, H5T_NATIVE_INT64);
+        file.add("CD/events", {x.size()}, type, type, rows.data(), storage);
+        H5Tclose(type);
+      } else {
+        file.add("davis/left/events", {x.size(), 4}, time, H5T_NATIVE_INT64, rows.data(), storage);
+      }
+    }
+    file.add_number("t_offset", offset);
+    return file.bytes();
+  }
+};
+
+inline std::vector<std::string> hdf5_seeds() {
+  std::vector<std::string> seeds;
+  for (std::uint64_t seed = 0; seed < 6; ++seed) {
+    Random random(seed);
+    std::string input{static_cast<char>(seed % 3), static_cast<char>(seed / 3), static_cast<char>(seed), 1};
+    input += std::string(9, '\0');
+    for (const Event& event : some_events(seed))
+      input += io::test::little(event.x, 1) + io::test::little(event.y, 1) + io::test::little(event.p > 0, 1) +
+               io::test::little(static_cast<std::uint64_t>(event.t), 8) + '\0';
+    seeds.push_back(input);
+  }
+  return seeds;
+}
+
+inline std::string make_hdf5_part(Random& random) {
+  return io::test::little(below(random, 64), 1) + io::test::little(below(random, 48), 1) +
+         io::test::little(random.bits(), 9) + io::test::little(below(random, 64), 1);
+}
+
+}  // namespace detail
+
+// The files are whole: libhdf5 itself does not survive all that are garbled.
+inline void fuzz_hdf5(std::string_view input) {
+  const detail::Hdf5Input rows(input);
+  const DiskFile file(rows.file());
+  const SensorSize size{64, 48};
+  try {
+    io::Hdf5Reader reader(file.path(), {{size}, io::TimeUnit::microseconds});
+    std::vector<Event> read;
+    std::string error;
+    try {
+      for (auto batch = reader.next_batch(); !batch.empty(); batch = reader.next_batch())
+        read.insert(read.end(), batch.begin(), batch.end());
+    } catch (const io::RecordingError& fault) {
+      error = fault.what();
+    }
+    require_that(error.find('\n') == std::string::npos, "errors are one line");
+    arrived += read.size();
+    std::size_t next = 0, row = 0;
+    for (; row < rows.x.size() && (next < read.size() || error.empty()); ++row) {
+      if (!size.contains(static_cast<int>(rows.x[row]), static_cast<int>(rows.y[row]))) continue;
+      const Event& event = read.at(next++);
+      const bool exact = std::abs(rows.t[row]) < std::int64_t{1} << 53;
+      require_that(event.x == rows.x[row] && event.y == rows.y[row] && event.p == (rows.p[row] > 0 ? 1 : 0) &&
+                       (!exact || event.t == rows.t[row] + rows.offset),
+                   "the events are those of the file");
+    }
+    require_that(next == read.size(), "no other events are read");
+  } catch (const io::RecordingError& error) {
+    require_that(std::string_view(error.what()).find('\n') == std::string_view::npos, "errors are one line");
+  }
+}
+
+#endif
+
 inline std::vector<Target> recording_targets() {
   using namespace detail;
   return {
+#ifdef EVMARKER_HAS_HDF5
+      {"hdf5", fuzz_hdf5, hdf5_seeds, {13, 12, make_hdf5_part}, 512, 5'000, 9.5},
+#endif
       {"dat", fuzz_dat, dat_seeds, {0, 1, make_dat_part}, 512, 50'000, 5},
       {"aedat2", fuzz_aedat2, aedat2_seeds, {0, 1, make_aedat2_part}, 512, 50'000, 6.5},
       {"aedat3", fuzz_aedat3, aedat3_seeds, {0, 1, make_aedat3_part}, 1024, 50'000, 4.4},

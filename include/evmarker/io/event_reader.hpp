@@ -21,6 +21,7 @@
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
+#include "evmarker/io/hdf5_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
@@ -33,12 +34,12 @@ struct EventReaderOptions {
   std::optional<SensorSize> sensor_size = std::nullopt;
   /// True to subtract the time of the first event (in RAW, event or trigger) from all.
   bool shift_first_time_to_zero = false;
-  TextLayout text_layout = {};
+  TextLayout text_layout = {};  ///< its unit of time is also that of HDF5 that names none
   /// Read while the reader lives, by another thread: once it is true, the recording ends, also while a pipe is silent.
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4 };
+enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5 };
 
 namespace detail {
 
@@ -46,9 +47,8 @@ struct UnsupportedKind {
   std::string_view name, magic, extensions;  // each extension between blanks
 };
 
-inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
+inline constexpr std::array<UnsupportedKind, 6> kUnsupportedKinds{{
     {"other AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
-    {"HDF5", "\x89HDF\r\n\x1a\n", " .h5 .hdf5 "},
     {"rosbag", "#ROSBAG V", " .bag "},
     {"rosbag (MCAP)", "\x89MCAP0\r\n", " .mcap "},
     {"rosbag (SQLite)", "SQLite format 3", " .db3 "},
@@ -73,7 +73,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "DAT, AEDAT 2, 3.1 and 4, text (x,y,p,t or t x y p)"};
+                    "DAT, AEDAT 2, 3.1 and 4, HDF5, text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -108,6 +108,7 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   if (head.starts_with("#!AER-DAT2.0")) return RecordingKind::aedat2;
   if (head.starts_with("#!AER-DAT3.1")) return RecordingKind::aedat3;
   if (head.starts_with("#!AER-DAT4.0")) return RecordingKind::aedat4;
+  if (head.starts_with("\x89HDF\r\n\x1a\n")) return RecordingKind::hdf5;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
   const bool prophesee = head.starts_with("% ");
@@ -159,6 +160,8 @@ class EventReader {
       case RecordingKind::aedat2: return std::make_unique<Aedat2Reader>(std::move(blocks), common);
       case RecordingKind::aedat3: return std::make_unique<Aedat3Reader>(std::move(blocks), common);
       case RecordingKind::aedat4: return std::make_unique<Aedat4Reader>(std::move(blocks), common);
+      case RecordingKind::hdf5:
+        return open_hdf5(blocks.path(), {{common}, options.text_layout.time_unit, options.stop});
       case RecordingKind::text: break;
     }
     return std::make_unique<CsvReader>(
