@@ -2,14 +2,10 @@
 // Compressed packets, by the libraries that a build has.
 #include <algorithm>
 #include <cstddef>
-#include <filesystem>
-#include <memory>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "evmarker/io/recording_error.hpp"
 
 namespace evmarker::io {
 
