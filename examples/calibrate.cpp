@@ -41,7 +41,7 @@ struct Options {
   bool free_pitch = false, quiet = false;
 
   void add_to(CLI::App& app) {
-    app.add_option("recording", recording, "of the moving board: Prophesee RAW (EVT2, EVT2.1, EVT3) or text")
+    app.add_option("recording", recording, "of the moving board: Prophesee RAW or DAT, AEDAT, HDF5 or text")
         ->required();
     app.add_option("--board", board, "the flat board, a YAML file")->required();
     app.add_option("--output", output, "calibration to write, as .yml, .xml or .json")->required();

@@ -40,7 +40,7 @@ struct Options {
   void add_to(CLI::App& app) {
     app.add_option("recording", recording,
                    "the body, turned before the camera so that neighbouring markers are seen together: Prophesee RAW "
-                   "or text")
+                   "or DAT, AEDAT, HDF5 or text")
         ->required();
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--marker-length", marker_length, "side of the black squares [m]")

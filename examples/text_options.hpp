@@ -10,7 +10,7 @@ struct TextOptions {
   void add_to(CLI::App& app) {
     app.add_option("--columns", columns,
                    "order of a text recording's columns, as t,x,y,p, with - for any other; default: recognised");
-    app.add_option("--time-unit", time_unit, "of a text recording: s, ms, us or ns; default: recognised")
+    app.add_option("--time-unit", time_unit, "of a recording in text or HDF5: s, ms, us or ns; default: recognised")
         ->check(CLI::IsMember({"s", "ms", "us", "ns"}));
   }
 

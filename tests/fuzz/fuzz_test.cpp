@@ -62,6 +62,17 @@ TEST_CASE("fuzzed: EVT2") { run_target("evt2"); }
 TEST_CASE("fuzzed: EVT2.1") { run_target("evt21"); }
 TEST_CASE("fuzzed: EVT3") { run_target("evt3"); }
 TEST_CASE("fuzzed: RAW recordings") { run_target("raw"); }
+TEST_CASE("fuzzed: DAT recordings") { run_target("dat"); }
+TEST_CASE("fuzzed: AEDAT 2 recordings") { run_target("aedat2"); }
+TEST_CASE("fuzzed: AEDAT 3.1 recordings") { run_target("aedat3"); }
+TEST_CASE("fuzzed: AEDAT 4 recordings") { run_target("aedat4"); }
+TEST_CASE("fuzzed: HDF5 recordings") {
+#ifdef EVMARKER_HAS_HDF5
+  run_target("hdf5");
+#else
+  MESSAGE("skipped: this build has no libhdf5");
+#endif
+}
 TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
 TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
 TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }

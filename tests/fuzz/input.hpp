@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <span>
 #include <stdexcept>
@@ -79,6 +80,27 @@ class MemoryFile {
 
  private:
   int file_;
+};
+
+/// A file on disk with this content, for libhdf5, which asks for its real path.
+class DiskFile {
+ public:
+  explicit DiskFile(std::string_view content)
+      : path_((std::filesystem::temp_directory_path() / "evmarker_fuzz_XXXXXX").string()) {
+    const int file = ::mkstemp(path_.data());
+    const bool written =
+        file >= 0 && ::write(file, content.data(), content.size()) == static_cast<ssize_t>(content.size());
+    if (file >= 0) ::close(file);
+    if (!written) throw std::runtime_error("no temporary file " + path_);
+  }
+  ~DiskFile() { ::unlink(path_.c_str()); }
+  DiskFile(const DiskFile&) = delete;
+  DiskFile& operator=(const DiskFile&) = delete;
+
+  std::filesystem::path path() const { return path_; }
+
+ private:
+  std::string path_;
 };
 
 }  // namespace evmarker::fuzz

@@ -255,11 +255,8 @@ TEST_CASE("RawReader: garbled recordings neither crash nor yield events off the 
 }
 
 TEST_CASE("RawReader: a real EVT2 recording without end line") {
-  const std::filesystem::path path = std::filesystem::path(EVMARKER_SHARED_DATA) / "formats/sparklers_evt2.raw";
-  if (!std::filesystem::exists(path)) {
-    MESSAGE("skipped: no " << path.string());
-    return;
-  }
+  const auto path = real_recording("formats/sparklers_evt2.raw");
+  if (path.empty()) return;
   RawReader reader(path);
   CHECK(reader.sensor_size() == SensorSize{640, 480});  // from system_ID 21
   const auto events = drain(reader);

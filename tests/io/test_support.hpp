@@ -1,5 +1,6 @@
 #pragma once
 // What the io tests share: temporary folders, bytes of hand-made words, decoding and reading to the end, errors.
+#include <doctest/doctest.h>
 #include <fcntl.h>
 #include <sys/ioctl.h>
 #include <sys/stat.h>
@@ -63,6 +64,14 @@ inline std::filesystem::path write_file(const std::filesystem::path& path, std::
 inline std::string read_file(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// A recording of ../shared/data; empty, with a word about it, where it is missing.
+inline std::filesystem::path real_recording(const char* name) {
+  const auto path = std::filesystem::path(EVMARKER_SHARED_DATA) / name;
+  if (std::filesystem::exists(path)) return path;
+  MESSAGE("skipped: no " << path.string());
+  return {};
 }
 
 /// A FIFO to which a text is written as fast as it is read; it stays open, and its reader waits, until `end`.

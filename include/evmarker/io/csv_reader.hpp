@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -20,8 +19,10 @@
 #include "evmarker/io/decimal.hpp"
 #include "evmarker/io/line_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 #include "evmarker/io/text_layout.hpp"
+#include "evmarker/io/time_shift.hpp"
 
 namespace evmarker::io {
 
@@ -37,10 +38,8 @@ struct CsvReaderOptions {
 /// microseconds, optionally `%geometry:W,H` before), RPG text (`t x y p`, t in seconds) and similar ones: order of
 /// columns and unit of time are by names in a first line, else by what the first events can be. Polarities are 0 and 1,
 /// -1 and 1, or True and False.
-class CsvReader {
+class CsvReader final : public RecordingReader {
  public:
-  using event_type = Event;
-
   /// @throws RecordingError where the file is missing or empty, or its columns, unit of time or sensor size cannot be
   /// found
   /// @throws std::invalid_argument where the columns or the sensor size of the options are unusable
@@ -69,12 +68,11 @@ class CsvReader {
     batch_.reserve(kBatchEvents);
   }
 
-  SensorSize sensor_size() const noexcept { return *text_.size; }
+  SensorSize sensor_size() const override { return *text_.size; }
   const RecognizedText& layout() const noexcept { return text_; }
 
-  /// The next events in the order of the file, valid until the next call; none at the end.
   /// @throws RecordingError naming line and value of a malformed line, once all events before it are delivered
-  std::span<const Event> next_batch() {
+  std::span<const Event> next_batch() override {
     batch_.clear();
     if (failure_) throw *failure_;
     while (batch_.size() < kBatchEvents) {
@@ -97,11 +95,10 @@ class CsvReader {
   }
 
   /// None: text recordings have no triggers.
-  std::span<const TriggerEvent> triggers() const noexcept { return {}; }
-  RecordingStatistics statistics() const noexcept { return statistics_; }
-  std::uint64_t bytes_read() const noexcept { return lines_.bytes_read(); }
-  /// Size of the file; 0 where it has none, like a pipe.
-  std::uint64_t bytes_total() const noexcept { return lines_.bytes_total(); }
+  std::span<const TriggerEvent> triggers() const override { return {}; }
+  RecordingStatistics statistics() const override { return statistics_; }
+  std::uint64_t bytes_read() const override { return lines_.bytes_read(); }
+  std::uint64_t bytes_total() const override { return lines_.bytes_total(); }
 
  private:
   static constexpr std::size_t kBatchEvents = 8192;
@@ -128,21 +125,16 @@ class CsvReader {
       return;
     }
     if (has_last_ && fields.t < last_) ++statistics_.time_steps_back;
-    if (!has_last_ && shift_) shift_by_ = fields.t;
     has_last_ = true;
     last_ = fields.t;
     batch_.push_back({static_cast<std::uint16_t>(fields.x), static_cast<std::uint16_t>(fields.y),
                       static_cast<std::int16_t>(fields.p > 0 ? 1 : 0), shifted(fields.t)});
   }
 
-  // The difference modulo 2^64, which is the time since the first event unless that takes more than 63 bits.
-  Timestamp shifted(Timestamp t) const {
-    const auto since_first =
-        static_cast<Timestamp>(static_cast<std::uint64_t>(t) - static_cast<std::uint64_t>(shift_by_));
-    if ((since_first < 0) != (t < shift_by_))
-      throw lines_.error("t is " + std::to_string(t) + " us, too far from the first time, " +
-                         std::to_string(shift_by_) + " us, to be shifted");
-    return since_first;
+  Timestamp shifted(Timestamp t) {
+    const auto since_first = shift_(t);
+    if (!since_first) throw lines_.error(shift_.fault(t));
+    return *since_first;
   }
 
   Fields parse(std::string_view line) const {
@@ -217,13 +209,13 @@ class CsvReader {
   }
 
   LineReader lines_;
-  bool shift_;
+  TimeShift shift_;
   RecognizedText text_;
   std::vector<Event> batch_;
   std::optional<RecordingError> failure_;
   RecordingStatistics statistics_;
   bool has_last_ = false;
-  Timestamp last_ = 0, shift_by_ = 0;
+  Timestamp last_ = 0;
 };
 
 }  // namespace evmarker::io

@@ -6,19 +6,25 @@
 #include <cctype>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <utility>
-#include <variant>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/aedat2_reader.hpp"
+#include "evmarker/io/aedat3_reader.hpp"
+#include "evmarker/io/aedat4_reader.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
+#include "evmarker/io/dat_reader.hpp"
+#include "evmarker/io/hdf5_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 
 namespace evmarker::io {
@@ -28,12 +34,12 @@ struct EventReaderOptions {
   std::optional<SensorSize> sensor_size = std::nullopt;
   /// True to subtract the time of the first event (in RAW, event or trigger) from all.
   bool shift_first_time_to_zero = false;
-  TextLayout text_layout = {};
+  TextLayout text_layout = {};  ///< its unit of time is also that of HDF5 that names none
   /// Read while the reader lives, by another thread: once it is true, the recording ends, also while a pipe is silent.
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text };
+enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5 };
 
 namespace detail {
 
@@ -41,9 +47,8 @@ struct UnsupportedKind {
   std::string_view name, magic, extensions;  // each extension between blanks
 };
 
-inline constexpr std::array<UnsupportedKind, 7> kUnsupportedKinds{{
-    {"AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
-    {"HDF5", "\x89HDF\r\n\x1a\n", " .h5 .hdf5 "},
+inline constexpr std::array<UnsupportedKind, 6> kUnsupportedKinds{{
+    {"other AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
     {"rosbag", "#ROSBAG V", " .bag "},
     {"rosbag (MCAP)", "\x89MCAP0\r\n", " .mcap "},
     {"rosbag (SQLite)", "SQLite format 3", " .db3 "},
@@ -68,7 +73,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "text (x,y,p,t or t x y p)"};
+                    "DAT, AEDAT 2, 3.1 and 4, HDF5, text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -100,16 +105,20 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
 
   for (const auto& [name, magic, unpack] : detail::kCompressions)
     if (head.starts_with(magic)) throw detail::compressed(path, name, unpack);
+  if (head.starts_with("#!AER-DAT2.0")) return RecordingKind::aedat2;
+  if (head.starts_with("#!AER-DAT3.1")) return RecordingKind::aedat3;
+  if (head.starts_with("#!AER-DAT4.0")) return RecordingKind::aedat4;
+  if (head.starts_with("\x89HDF\r\n\x1a\n")) return RecordingKind::hdf5;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
   const bool prophesee = head.starts_with("% ");
   const bool names_encoding = head.find("% evt ") != head.npos || head.find("% format ") != head.npos;
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
-    throw detail::not_supported(path, "DAT");
+    return RecordingKind::dat;
   if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
   if (extension == ".raw") return RecordingKind::raw;  // RawReader reports the exact fault
   if (detail::looks_like_text(head)) return RecordingKind::text;
-  if (extension == ".dat") throw detail::not_supported(path, "DAT");
+  if (extension == ".dat") return RecordingKind::dat;  // DatReader reports the exact fault
   for (const auto& kind : detail::kUnsupportedKinds)
     if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)
       throw detail::not_supported(path, kind.name);
@@ -122,45 +131,46 @@ class EventReader {
   using event_type = Event;
 
   /// @throws RecordingError where the file cannot be read
-  explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {})
-      : reader_(open(path, options)) {}
-
-  SensorSize sensor_size() const {
-    return std::visit([](const auto& reader) { return reader.sensor_size(); }, reader_);
-  }
-  /// The next events in the order of the file, valid until the next call; none at the end.
-  std::span<const Event> next_batch() {
-    return std::visit([](auto& reader) { return reader.next_batch(); }, reader_);
-  }
-  /// Trigger events among the events of the last batch.
-  std::span<const TriggerEvent> triggers() const {
-    return std::visit([](const auto& reader) { return reader.triggers(); }, reader_);
-  }
-  RecordingStatistics statistics() const {
-    return std::visit([](const auto& reader) { return reader.statistics(); }, reader_);
-  }
-  std::uint64_t bytes_read() const {
-    return std::visit([](const auto& reader) { return reader.bytes_read(); }, reader_);
-  }
-  std::uint64_t bytes_total() const {
-    return std::visit([](const auto& reader) { return reader.bytes_total(); }, reader_);
-  }
-  RecordingKind kind() const noexcept {
-    return std::holds_alternative<RawReader>(reader_) ? RecordingKind::raw : RecordingKind::text;
-  }
-
- private:
-  using Reader = std::variant<RawReader, CsvReader>;
-
-  static Reader open(const std::filesystem::path& path, const EventReaderOptions& options) {
+  explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {}) {
     BlockReader blocks(path, BlockReader::kBlockBytes, options.stop);
     const auto head = blocks.first();
-    if (recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path) == RecordingKind::raw)
-      return RawReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero});
-    return CsvReader(std::move(blocks), {options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+    kind_ = recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path);
+    reader_ = open(kind_, std::move(blocks), options);
   }
 
-  Reader reader_;
+  SensorSize sensor_size() const { return reader_->sensor_size(); }
+  /// The next events in the order of the file, valid until the next call; none at the end.
+  /// @throws RecordingError naming what cannot be read, once all events before it are delivered
+  std::span<const Event> next_batch() { return reader_->next_batch(); }
+  /// Trigger events among the events of the last batch, or behind the last event of the file.
+  std::span<const TriggerEvent> triggers() const { return reader_->triggers(); }
+  RecordingStatistics statistics() const { return reader_->statistics(); }
+  std::uint64_t bytes_read() const { return reader_->bytes_read(); }
+  /// Size of the file; 0 where it has none, like a pipe.
+  std::uint64_t bytes_total() const { return reader_->bytes_total(); }
+  RecordingKind kind() const noexcept { return kind_; }
+
+ private:
+  static std::unique_ptr<RecordingReader> open(RecordingKind kind, BlockReader blocks,
+                                               const EventReaderOptions& options) {
+    const RecordingOptions common{options.sensor_size, options.shift_first_time_to_zero};
+    switch (kind) {
+      case RecordingKind::raw: return std::make_unique<RawReader>(std::move(blocks), common);
+      case RecordingKind::dat: return std::make_unique<DatReader>(std::move(blocks), common);
+      case RecordingKind::aedat2: return std::make_unique<Aedat2Reader>(std::move(blocks), common);
+      case RecordingKind::aedat3: return std::make_unique<Aedat3Reader>(std::move(blocks), common);
+      case RecordingKind::aedat4: return std::make_unique<Aedat4Reader>(std::move(blocks), common);
+      case RecordingKind::hdf5:
+        return open_hdf5(blocks.path(), {{common}, options.text_layout.time_unit, options.stop});
+      case RecordingKind::text: break;
+    }
+    return std::make_unique<CsvReader>(
+        std::move(blocks),
+        CsvReaderOptions{options.sensor_size, options.shift_first_time_to_zero, options.text_layout});
+  }
+
+  RecordingKind kind_ = RecordingKind::text;
+  std::unique_ptr<RecordingReader> reader_;
 };
 
 }  // namespace evmarker::io

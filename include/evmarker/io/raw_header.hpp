@@ -2,16 +2,13 @@
 // The text header of Prophesee RAW recordings: encoding and sensor size.
 #include <algorithm>
 #include <array>
-#include <charconv>
-#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
-#include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/io/header_lines.hpp"
 #include "evmarker/io/recording_error.hpp"
 
 namespace evmarker::io {
@@ -29,32 +26,14 @@ constexpr const char* to_string(RawFormat format) noexcept {
 }
 
 /// The text in front of the first event word.
-struct RawHeader {
+struct RawHeader : HeaderLines {
   RawFormat format = RawFormat::evt3;
   std::optional<SensorSize> size;  ///< nothing where the header has neither a geometry nor a listed system_ID
   bool halves_swapped = false;     ///< EVT2.1: the upper half of each word comes first, `endianness=legacy`
   bool word_order_stated = false;  ///< false where `halves_swapped` is what cameras write that do not state it
-  std::vector<std::pair<std::string, std::string>> fields;  ///< every line as key and value
-  std::size_t bytes = 0;                                    ///< length of the header
 };
 
 namespace detail {
-
-inline std::optional<int> parse_positive(std::string_view text) {
-  int value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || value < 1) return std::nullopt;
-  return value;
-}
-
-/// Size from `1280x720` or, with a comma as separator, `1280,720`.
-inline std::optional<SensorSize> parse_geometry(std::string_view text, char separator) {
-  const auto cut = text.find(separator);
-  if (cut == std::string_view::npos) return std::nullopt;
-  const auto width = parse_positive(text.substr(0, cut)), height = parse_positive(text.substr(cut + 1));
-  if (!width || !height) return std::nullopt;
-  return SensorSize{*width, *height};
-}
 
 /// What a camera writes whose header does not say so.
 struct CameraSystem {
@@ -94,64 +73,30 @@ inline std::string_view option_of(std::string_view format, std::string_view opti
   return value.substr(0, value.find(';'));
 }
 
-/// True for header lines. The first event word behind a header without end line may begin with `% `, but is not text.
-inline bool is_text(std::string_view line) {
-  return std::ranges::none_of(line, [](char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\t'; });
-}
-
-/// Reads the lines of a header: `fields` and `bytes`.
-inline RawHeader read_header_lines(std::string_view data, const std::filesystem::path& path) {
-  RawHeader header;
-  while (data.substr(header.bytes).starts_with("% ")) {
-    const std::string_view rest = data.substr(header.bytes);
-    const auto length = rest.find('\n');
-    if (length == std::string_view::npos) {
-      if (is_text(rest)) throw RecordingError(path, "cut off inside its header", header.bytes);
-      break;
-    }
-    std::string_view line = rest.substr(2, length - 2);
-    if (line.ends_with('\r')) line.remove_suffix(1);
-    if (!is_text(line)) break;
-    header.bytes += length + 1;
-    if (line == "end") break;
-    const auto space = std::min(line.find(' '), line.size());
-    header.fields.emplace_back(line.substr(0, space), line.substr(std::min(space + 1, line.size())));
-  }
-  return header;
-}
-
-/// Value of the last header line with this key; empty where there is none.
-inline std::string_view field_of(const RawHeader& header, std::string_view key) {
-  const auto found =
-      std::find_if(header.fields.rbegin(), header.fields.rend(), [&](const auto& field) { return field.first == key; });
-  return found == header.fields.rend() ? std::string_view() : std::string_view(found->second);
-}
-
 /// True unless the header names another maker of the camera or of the software that wrote the recording.
 inline bool is_by_prophesee(const RawHeader& header) {
-  std::string_view camera = field_of(header, "camera_integrator_name"),
-                   plugin = field_of(header, "plugin_integrator_name");
-  if (camera.empty() && plugin.empty()) camera = plugin = field_of(header, "integrator_name");
+  std::string_view camera = header.field("camera_integrator_name"), plugin = header.field("plugin_integrator_name");
+  if (camera.empty() && plugin.empty()) camera = plugin = header.field("integrator_name");
   return (camera.empty() && plugin.empty()) || (camera == "Prophesee" && plugin == "Prophesee");
 }
 
 /// Sets the order of the halves of an EVT2.1 word. Where the header does not state it, cameras before the one with
 /// system_ID 55 swap them: the rule of OpenEB.
 inline void set_word_order(RawHeader& header, std::string_view endianness) {
-  if (endianness.empty()) endianness = field_of(header, "endianness");
+  if (endianness.empty()) endianness = header.field("endianness");
   header.word_order_stated = !endianness.empty();
-  const std::string_view id = field_of(header, "system_ID");
+  const std::string_view id = header.field("system_ID");
   const bool old_system = id.empty() || parse_positive(id).value_or(55) < 55;
   header.halves_swapped = header.word_order_stated ? endianness == "legacy" : is_by_prophesee(header) && old_system;
 }
 
 /// Sensor size by the format line, else by the geometry, else by the camera's system_ID.
 inline std::optional<SensorSize> size_of(const RawHeader& header, const std::filesystem::path& path) {
-  const std::string_view format = field_of(header, "format"), geometry = field_of(header, "geometry");
+  const std::string_view format = header.field("format"), geometry = header.field("geometry");
   const auto width = parse_positive(option_of(format, ";width=")),
              height = parse_positive(option_of(format, ";height="));
   if (width && height) return SensorSize{*width, *height};
-  const auto system = find_system(field_of(header, "system_ID"));
+  const auto system = find_system(header.field("system_ID"));
   if (geometry.empty()) return system ? std::optional(system->size) : std::nullopt;
   const auto size = parse_geometry(geometry, 'x');
   if (!size) throw RecordingError(path, "header: geometry is '" + std::string(geometry) + "', not like 1280x720", 0);
@@ -165,11 +110,12 @@ inline std::optional<SensorSize> size_of(const RawHeader& header, const std::fil
 /// @param path only named in errors
 /// @throws RecordingError where this is no RAW recording or its encoding is not supported
 inline RawHeader parse_raw_header(std::string_view data, const std::filesystem::path& path) {
-  RawHeader header = detail::read_header_lines(data, path);
-  const std::string_view format = detail::field_of(header, "format");
+  RawHeader header;
+  static_cast<HeaderLines&>(header) = detail::read_header_lines(data, path);
+  const std::string_view format = header.field("format");
   std::string_view name = format.substr(0, format.find(';'));
-  if (name.empty()) name = detail::field_of(header, "evt");
-  if (const auto system = detail::find_system(detail::field_of(header, "system_ID")); name.empty() && system)
+  if (name.empty()) name = header.field("evt");
+  if (const auto system = detail::find_system(header.field("system_ID")); name.empty() && system)
     name = to_string(system->format);
   if (name.empty())
     throw RecordingError(path,

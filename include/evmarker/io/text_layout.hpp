@@ -13,8 +13,8 @@
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/io/column_names.hpp"
+#include "evmarker/io/header_lines.hpp"
 #include "evmarker/io/layout_guess.hpp"
-#include "evmarker/io/raw_header.hpp"
 #include "evmarker/io/text_fields.hpp"
 #include "evmarker/io/time_unit.hpp"
 

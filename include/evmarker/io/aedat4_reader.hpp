@@ -1,0 +1,168 @@
+#pragma once
+// AEDAT 4 recordings, as DV writes them, as a source of events.
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/io/aedat4_header.hpp"
+#include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/byte_stream.hpp"
+#include "evmarker/io/collecting_reader.hpp"
+#include "evmarker/io/decompression.hpp"
+#include "evmarker/io/evt_words.hpp"
+#include "evmarker/io/flatbuffer.hpp"
+#include "evmarker/io/lz4_decompressor.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/zstd_decompressor.hpp"
+
+namespace evmarker::io {
+
+namespace detail {
+
+/// What decompresses the packets of a recording; nothing where they are not compressed.
+/// @throws RecordingError where this build cannot decompress them
+inline std::unique_ptr<Decompressor> make_decompressor(Aedat4Compression compression,
+                                                       const std::filesystem::path& path) {
+  if (compression == Aedat4Compression::none) return nullptr;
+  const bool lz4 = compression == Aedat4Compression::lz4;
+  if (auto decompressor = lz4 ? make_lz4_decompressor() : make_zstd_decompressor()) return decompressor;
+  const std::string library = lz4 ? "lz4" : "zstd";
+  throw RecordingError(path, "its packets are compressed by " + std::string(lz4 ? "LZ4" : "ZSTD") +
+                                 ", which this build leaves out: install lib" + library +
+                                 "-dev and build with evmarker's component " + library);
+}
+
+}  // namespace detail
+
+/// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events the first in
+/// the header is read; packets of other streams, of frames, measurements and triggers, are passed over.
+class Aedat4Reader final : public CollectingReader {
+ public:
+  /// @throws RecordingError where the file cannot be read, has no stream of events, or is compressed by a library that
+  /// this build leaves out
+  explicit Aedat4Reader(std::filesystem::path path, const RecordingOptions& options = {})
+      : Aedat4Reader(BlockReader(std::move(path)), options) {}
+
+  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  explicit Aedat4Reader(BlockReader blocks, const RecordingOptions& options = {})
+      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+    constexpr std::string_view first_line = "#!AER-DAT4.0\r\n";
+    if (!bytes_.text_ahead(first_line.size()).starts_with(first_line))
+      throw RecordingError(bytes_.path(), "not an AEDAT 4 recording: no first line '#!AER-DAT4.0'", 0);
+    bytes_.skip(first_line.size());
+    const Aedat4Header header = read_header();
+    const auto events = std::ranges::find(header.streams, "EVTS", &Aedat4Stream::type);
+    if (events == header.streams.end())
+      throw RecordingError(bytes_.path(), "header: no stream of events (typeIdentifier EVTS) in it");
+    stream_ = events->id;
+    if (header.end_of_packets >= 0) end_of_packets_ = static_cast<std::uint64_t>(header.end_of_packets);
+    decompressor_ = detail::make_decompressor(header.compression, bytes_.path());
+    collector_.set_sensor_size(choose_sensor_size(events->size, options, 1 << 15, "AEDAT 4", bytes_.path()));
+  }
+
+  std::uint64_t bytes_read() const override { return bytes_.position(); }
+  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
+
+ private:
+  static constexpr std::size_t kPacketHeaderBytes = 8, kEventBytes = 16;
+
+  // Reads what is no longer than a limit, so that a garbled length takes no memory; false where the file ends before.
+  bool read_whole(std::uint64_t bytes, const char* what) {
+    if (bytes > Decompressor::kMaxBytes)
+      throw RecordingError(bytes_.path(),
+                           std::string(what) + " of " + std::to_string(bytes) + " bytes, of which at most " +
+                               std::to_string(Decompressor::kMaxBytes) + " are read: garbled?",
+                           bytes_.position());
+    packet_.clear();
+    const std::uint64_t read = bytes_.pass(
+        bytes, [&](std::span<const std::byte> piece) { packet_.insert(packet_.end(), piece.begin(), piece.end()); });
+    return read == bytes;
+  }
+
+  Aedat4Header read_header() {
+    const auto size = bytes_.ahead(4);
+    const std::uint64_t length = size.size() < 4 ? 0 : load_word<std::uint32_t>(size.data());
+    bytes_.skip(std::min<std::size_t>(size.size(), 4));
+    if (length == 0 || !read_whole(length, "header"))
+      throw RecordingError(bytes_.path(), "cut off inside its header", bytes_.position());
+    try {
+      return parse_aedat4_header(packet_);
+    } catch (const std::exception& error) {
+      throw RecordingError(bytes_.path(), std::string("header: ") + error.what(), 18);
+    }
+  }
+
+  bool read_piece() override {
+    if (events_.empty()) return read_packet();
+    const auto piece = events_.first(std::min(events_.size(), kPieceEvents * kEventBytes));
+    events_ = events_.subspan(piece.size());
+    for (std::size_t at = 0; at < piece.size(); at += kEventBytes) {
+      const auto coordinate = [&](std::size_t offset) {
+        return static_cast<std::int16_t>(load_word<std::uint16_t>(&piece[at + offset]));
+      };
+      const auto t = static_cast<Timestamp>(load_word<std::uint64_t>(&piece[at]));
+      collector_.add(coordinate(8), coordinate(10), piece[at + 12] != std::byte{0}, t);
+    }
+    return true;
+  }
+
+  // Reads a packet, or passes over that of another stream; false at the end of the packets.
+  bool read_packet() {
+    if (bytes_.position() >= end_of_packets_) {  // what is left is an index, which a pipe delivers all the same
+      bytes_.pass(~std::uint64_t{0}, [](std::span<const std::byte>) {});
+      return false;
+    }
+    const auto header = bytes_.ahead(kPacketHeaderBytes);
+    if (header.size() < kPacketHeaderBytes) {
+      collector_.statistics.truncated_bytes += bytes_.skip_rest();
+      return false;
+    }
+    const std::uint64_t begin = bytes_.position();
+    const auto stream = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[0]));
+    const auto length = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[4]));
+    if (length < 0)
+      throw RecordingError(bytes_.path(), "packet: size is " + std::to_string(length) + ", must not be negative",
+                           begin);
+    bytes_.skip(kPacketHeaderBytes);
+    const auto bytes = static_cast<std::uint64_t>(length);
+    const bool whole = stream == stream_ ? read_whole(bytes, "packet")
+                                         : bytes_.pass(bytes, [](std::span<const std::byte>) {}) == bytes;
+    if (!whole) {
+      collector_.statistics.truncated_bytes += bytes_.position() - begin;
+      return false;
+    }
+    if (stream == stream_) decode_packet(begin);
+    return true;
+  }
+
+  void decode_packet(std::uint64_t begin) {
+    try {
+      const auto content = decompressor_ ? decompressor_->decompress(packet_) : std::span<const std::byte>(packet_);
+      constexpr std::size_t size_prefix = 4;
+      if (content.size() < size_prefix) throw std::runtime_error("it has no size");
+      events_ = FlatTable(content.subspan(size_prefix)).vector(0, kEventBytes);
+    } catch (const std::exception& error) {
+      throw RecordingError(bytes_.path(), std::string("packet: ") + error.what(), begin);
+    }
+  }
+
+  ByteStream bytes_;
+  int stream_ = 0;
+  std::uint64_t end_of_packets_ = ~std::uint64_t{0};
+  std::unique_ptr<Decompressor> decompressor_;  // none where packets are not compressed
+  std::vector<std::byte> packet_;
+  std::span<const std::byte> events_;  // of the packet that are not delivered yet
+};
+
+}  // namespace evmarker::io

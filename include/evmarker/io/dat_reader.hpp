@@ -1,0 +1,109 @@
+#pragma once
+// Prophesee DAT recordings, versions 1 and 2, as a source of events.
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/byte_stream.hpp"
+#include "evmarker/io/collecting_reader.hpp"
+#include "evmarker/io/evt_words.hpp"
+#include "evmarker/io/header_lines.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/wrapping_clock.hpp"
+
+namespace evmarker::io {
+
+/// Reads DAT recordings of events or of triggers: header lines, the type and the size of a record, and records of a
+/// 32-bit time [us], which wraps after 71.6 minutes, and 32 bits of data. A header without version is one of version 1.
+class DatReader final : public CollectingReader {
+ public:
+  /// @throws RecordingError where the file cannot be read, or version, type or size of its records is unknown
+  explicit DatReader(std::filesystem::path path, const RecordingOptions& options = {})
+      : DatReader(BlockReader(std::move(path)), options) {}
+
+  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  explicit DatReader(BlockReader blocks, const RecordingOptions& options = {})
+      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+    if (bytes_.ahead().empty()) throw RecordingError(bytes_.path(), "the file is empty");
+    const HeaderLines header = detail::read_header_lines(bytes_.text_ahead(), bytes_.path());
+    if (header.fields.empty())
+      throw RecordingError(bytes_.path(), "not a DAT recording: it does not begin with header lines '% '", 0);
+    const auto version = header.field("Version");
+    if (!version.empty() && version != "1" && version != "2")
+      throw RecordingError(bytes_.path(), "DAT version '" + std::string(version) + "' is not supported (1 and 2 are)");
+    has_wide_columns_ = version == "2";
+    bytes_.skip(header.bytes);
+    read_record_type();
+    collector_.set_sensor_size(
+        choose_sensor_size(size_of(header), options, has_wide_columns_ ? 1 << 14 : 1 << 9, "DAT", bytes_.path()));
+  }
+
+  std::uint64_t bytes_read() const override { return bytes_.position(); }
+  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
+
+ private:
+  static constexpr std::size_t kRecordBytes = 8;
+
+  static std::optional<SensorSize> size_of(const HeaderLines& header) {
+    const auto width = detail::parse_positive(header.field("Width")),
+               height = detail::parse_positive(header.field("Height"));
+    if (width && height) return SensorSize{*width, *height};
+    return detail::parse_geometry(header.field("geometry"), 'x');
+  }
+
+  void read_record_type() {
+    const auto bytes = bytes_.ahead(2);
+    if (bytes.size() < 2) throw RecordingError(bytes_.path(), "cut off behind its header", bytes_.position());
+    const int type = static_cast<int>(bytes[0]), size = static_cast<int>(bytes[1]);
+    if (type != kEvents && type != kContrastEvents && type != kTriggers)
+      throw RecordingError(bytes_.path(),
+                           "DAT records of type " + std::to_string(type) +
+                               " are not supported (0 and 12, events, and 14, triggers, are)",
+                           bytes_.position());
+    if (size != kRecordBytes)
+      throw RecordingError(bytes_.path(), "size of a DAT record is " + std::to_string(size) + " bytes, must be 8",
+                           bytes_.position() + 1);
+    has_triggers_ = type == kTriggers;
+    bytes_.skip(2);
+  }
+
+  bool read_piece() override {
+    auto records = bytes_.ahead(kRecordBytes);
+    records = records.first(std::min(kPieceEvents, records.size() / kRecordBytes) * kRecordBytes);
+    if (records.empty()) {
+      collector_.statistics.truncated_bytes += bytes_.skip_rest();
+      return false;
+    }
+    for (std::size_t at = 0; at < records.size(); at += kRecordBytes)
+      add_record(load_word<std::uint32_t>(&records[at]), load_word<std::uint32_t>(&records[at + 4]));
+    bytes_.skip(records.size());
+    return true;
+  }
+
+  void add_record(std::uint32_t time, std::uint32_t data) {
+    const Timestamp t = clock_.unwrap(time);
+    if (has_triggers_)
+      collector_.add(TriggerEvent{static_cast<int>(data >> 26U), (data & 1U) != 0, t});
+    else if (has_wide_columns_)
+      collector_.add(data & 0x3FFFU, data >> 14U & 0x3FFFU, data >> 28U == 1, t);
+    else
+      collector_.add(data & 0x1FFU, data >> 9U & 0xFFU, (data >> 17U & 1U) != 0, t);
+  }
+
+  static constexpr int kEvents = 0, kContrastEvents = 12, kTriggers = 14;
+
+  ByteStream bytes_;
+  bool has_wide_columns_ = true;  // version 2: 14 bits for each coordinate
+  bool has_triggers_ = false;
+  WrappingClock clock_{false};
+};
+
+}  // namespace evmarker::io

@@ -1,0 +1,178 @@
+#pragma once
+// HDF5 recordings as a source of events, where the build has libhdf5: with the component `hdf5`.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evmarker/events/event.hpp"
+#include "evmarker/io/collecting_reader.hpp"
+#include "evmarker/io/hdf5_handle.hpp"
+#include "evmarker/io/hdf5_layout.hpp"
+#include "evmarker/io/layout_guess.hpp"
+#include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/text_layout.hpp"
+#include "evmarker/io/time_unit.hpp"
+
+namespace evmarker::io {
+
+struct Hdf5ReaderOptions : RecordingOptions {
+  /// Unit of the times where the file names none and the first events may not show it.
+  std::optional<TimeUnit> time_unit = std::nullopt;
+  /// Once it is true, the recording ends.
+  const std::atomic<bool>* stop = nullptr;
+};
+
+#ifdef EVMARKER_HAS_HDF5
+
+/// Reads HDF5 recordings of Prophesee, DSEC, MVSEC and others with columns or members x, y, t and p, piece by piece.
+/// Prophesee's triggers are not read. libhdf5 may be used by one thread at a time.
+///
+/// Times are in the unit of their name, else whole numbers are microseconds and others seconds, unless the first events
+/// show another unit; `t_offset`, as of DSEC, is added to them.
+class Hdf5Reader final : public CollectingReader {
+ public:
+  /// @throws RecordingError where the file is missing or damaged, has no events, or needs a filter that is not there
+  explicit Hdf5Reader(const std::filesystem::path& path, const Hdf5ReaderOptions& options = {})
+      : CollectingReader(path, options), path_(path), stop_(options.stop) {
+    std::error_code error;
+    const auto status = std::filesystem::status(path, error);
+    if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+      throw RecordingError(path, "HDF5 recordings are read from files alone, not from pipes");
+    bytes_total_ = std::filesystem::file_size(path, error);
+    const Hdf5Silence silence;
+    file_ = Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+    if (!file_)
+      throw RecordingError(path, "cannot be read as HDF5, missing, cut off or damaged: " + Hdf5Silence::last_error());
+    try {
+      events_ = find_hdf5_events(file_.get());
+      rows_ = events_.columns[0].rows();
+      has_float_times_ = events_.columns[3].is_float();
+      offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
+      collector_.set_sensor_size(
+          choose_sensor_size(hdf5_sensor_size(file_.get()), options, detail::kMaxSide, "HDF5", path));
+      unit_ = options.time_unit ? *options.time_unit : recognize_unit();
+    } catch (const RecordingError&) {
+      throw;
+    } catch (const std::runtime_error& fault) {
+      throw RecordingError(path, fault.what());
+    }
+  }
+
+  /// The share of the file that holds as many of its events.
+  std::uint64_t bytes_read() const override {
+    if (row_ == rows_) return bytes_total_;
+    return static_cast<std::uint64_t>(static_cast<double>(bytes_total_) * static_cast<double>(row_) /
+                                      static_cast<double>(rows_));
+  }
+  std::uint64_t bytes_total() const override { return bytes_total_; }
+
+ private:
+  static constexpr std::uint64_t kRows = 32768;
+
+  TimeUnit recognize_unit() const {
+    if (events_.time_unit) return *events_.time_unit;
+    std::vector<double> times(static_cast<std::size_t>(std::min<std::uint64_t>(rows_, 1000)));
+    events_.columns[3].read(0, std::span(times));
+    if (!std::ranges::all_of(times, [](double t) { return std::isfinite(t); }))
+      throw std::runtime_error(events_.path + ": not all times are numbers");
+    const bool whole = std::ranges::all_of(times, [](double t) { return t == std::floor(t); });
+    const auto customary = whole ? TimeUnit::microseconds : TimeUnit::seconds;
+    constexpr std::size_t kFew = 10;  // of which the rate shows nothing
+    if (times.size() < kFew) return customary;
+    std::ranges::sort(times);
+    const auto units = detail::plausible_units(times, collector_.sensor_size());
+    if (units.empty() || std::ranges::find(units, customary) != units.end()) return customary;
+    if (units.size() == 1) return units[0];
+    throw std::runtime_error(
+        "cannot tell the unit of its times: name it, --time-unit s|ms|us|ns (in the options: time_unit)");
+  }
+
+  bool read_piece() override {
+    if (row_ == rows_ || (stop_ != nullptr && *stop_)) return false;
+    const Hdf5Silence silence;
+    const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
+    for (std::size_t column = 0; column < 4; ++column) numbers_[column].resize(count);
+    times_.resize(count);
+    try {
+      for (std::size_t column = 0; column < 3; ++column)
+        events_.columns[column].read(row_, std::span(numbers_[column]));
+      if (has_float_times_)
+        events_.columns[3].read(row_, std::span(times_));
+      else
+        events_.columns[3].read(row_, std::span(numbers_[3]));
+    } catch (const std::runtime_error& fault) {
+      throw RecordingError(
+          path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
+    }
+    for (std::size_t i = 0; i < count; ++i, ++row_)
+      collector_.add(numbers_[0][i], numbers_[1][i], numbers_[2][i] > 0,
+                     has_float_times_ ? from_float(times_[i]) : from_whole(numbers_[3][i]));
+    return true;
+  }
+
+  Timestamp from_float(double t) const {
+    const double microseconds = std::round(t * std::pow(10, places_to_microseconds(unit_)));
+    if (!(std::abs(microseconds) < 9e18)) fail(std::to_string(t));
+    return with_offset(static_cast<Timestamp>(microseconds));
+  }
+
+  Timestamp from_whole(std::int64_t t) const {
+    constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+    std::int64_t factor = 1;
+    for (int places = std::abs(places_to_microseconds(unit_)); places > 0; --places) factor *= 10;
+    if (unit_ == TimeUnit::nanoseconds) return with_offset(t / factor);
+    if (t > kMost / factor || t < -(kMost / factor)) fail(std::to_string(t));
+    return with_offset(t * factor);
+  }
+
+  // DSEC's offset is in microseconds.
+  Timestamp with_offset(Timestamp t) const {
+    const auto sum = static_cast<Timestamp>(static_cast<std::uint64_t>(t) + static_cast<std::uint64_t>(offset_));
+    if ((sum < t) != (offset_ < 0)) fail(std::to_string(t) + " + t_offset " + std::to_string(offset_));
+    return sum;
+  }
+
+  [[noreturn]] void fail(const std::string& t) const {
+    throw RecordingError(path_, events_.path + ": t of event " + std::to_string(row_) + " is " + t + ", too large");
+  }
+
+  std::filesystem::path path_;
+  const std::atomic<bool>* stop_;
+  Hdf5Handle file_;
+  Hdf5Events events_;
+  std::uint64_t rows_ = 0, row_ = 0, bytes_total_ = 0;
+  bool has_float_times_ = false;
+  TimeUnit unit_ = TimeUnit::microseconds;
+  std::int64_t offset_ = 0;  // [us]
+  std::array<std::vector<std::int64_t>, 4> numbers_;
+  std::vector<double> times_;
+};
+
+#endif
+
+/// @throws RecordingError as Hdf5Reader, or where this build leaves it out
+inline std::unique_ptr<RecordingReader> open_hdf5(const std::filesystem::path& path,
+                                                  [[maybe_unused]] const Hdf5ReaderOptions& options) {
+#ifdef EVMARKER_HAS_HDF5
+  return std::make_unique<Hdf5Reader>(path, options);
+#else
+  throw RecordingError(path,
+                       "HDF5 recordings need libhdf5, which this build leaves out: install libhdf5-dev and build with "
+                       "evmarker's component hdf5");
+#endif
+}
+
+}  // namespace evmarker::io

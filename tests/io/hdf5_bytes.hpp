@@ -1,0 +1,125 @@
+#pragma once
+// HDF5 files in memory, written by libhdf5. Empty without the component `hdf5`.
+#ifdef EVMARKER_HAS_HDF5
+#include <hdf5.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "evmarker/events/event.hpp"
+
+namespace evmarker::io::test {
+
+/// How a dataset is stored.
+struct Hdf5Storage {
+  hsize_t chunk_rows = 0;      ///< 0 for no chunks
+  unsigned deflate_level = 0;  ///< 0 for no compression
+  H5Z_filter_t filter = 0;     ///< a further filter, which is registered; 0 for none
+};
+
+/// A file of datasets and attributes, of which `bytes` is the content.
+class Hdf5Bytes {
+ public:
+  Hdf5Bytes() {
+    const hid_t access = H5Pcreate(H5P_FILE_ACCESS);
+    H5Pset_fapl_core(access, std::size_t{1} << 20, false);
+    const std::string name = "in memory at " + std::to_string(reinterpret_cast<std::uintptr_t>(this));  // not twice
+    file_ = H5Fcreate(name.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access);
+    H5Pclose(access);
+    links_ = H5Pcreate(H5P_LINK_CREATE);
+    H5Pset_create_intermediate_group(links_, 1);
+  }
+  ~Hdf5Bytes() {
+    H5Pclose(links_);
+    H5Fclose(file_);
+  }
+  Hdf5Bytes(const Hdf5Bytes&) = delete;
+  Hdf5Bytes& operator=(const Hdf5Bytes&) = delete;
+
+  /// Adds a dataset of `sides` numbers, or compounds, from the values in memory; of null, nothing is written.
+  void add(const std::string& path, const std::vector<hsize_t>& sides, hid_t stored_type, hid_t memory_type,
+           const void* values, const Hdf5Storage& storage = {}) {
+    const hid_t space = H5Screate_simple(static_cast<int>(sides.size()), sides.data(), nullptr);
+    const hid_t creation = H5Pcreate(H5P_DATASET_CREATE);
+    auto chunk = sides;
+    chunk[0] = storage.chunk_rows;
+    if (storage.chunk_rows > 0) H5Pset_chunk(creation, static_cast<int>(chunk.size()), chunk.data());
+    if (storage.deflate_level > 0) H5Pset_deflate(creation, storage.deflate_level);
+    if (storage.filter > 0) H5Pset_filter(creation, storage.filter, H5Z_FLAG_MANDATORY, 0, nullptr);
+    const hid_t dataset = H5Dcreate2(file_, path.c_str(), stored_type, space, links_, creation, H5P_DEFAULT);
+    if (dataset < 0) throw std::logic_error("no dataset " + path);
+    if (values != nullptr) H5Dwrite(dataset, memory_type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values);
+    H5Dclose(dataset);
+    H5Pclose(creation);
+    H5Sclose(space);
+  }
+  void add(const std::string& path, const std::vector<double>& values, hid_t stored_type,
+           const Hdf5Storage& storage = {}) {
+    add(path, {values.size()}, stored_type, H5T_NATIVE_DOUBLE, values.data(), storage);
+  }
+  void add(const std::string& path, const std::vector<std::int64_t>& values, hid_t stored_type,
+           const Hdf5Storage& storage = {}) {
+    add(path, {values.size()}, stored_type, H5T_NATIVE_INT64, values.data(), storage);
+  }
+
+  /// Adds a single number.
+  void add_number(const std::string& path, std::int64_t value) {
+    const hid_t space = H5Screate(H5S_SCALAR);
+    const hid_t dataset = H5Dcreate2(file_, path.c_str(), H5T_STD_I64LE, space, links_, H5P_DEFAULT, H5P_DEFAULT);
+    H5Dwrite(dataset, H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value);
+    H5Dclose(dataset);
+    H5Sclose(space);
+  }
+
+  /// Adds a text, of variable length as OpenEB does, to the root.
+  void add_attribute(const char* name, const char* text) {
+    const hid_t type = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
+    H5Tset_size(type, H5T_VARIABLE);
+    const hid_t attribute = H5Acreate2(file_, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+    H5Awrite(attribute, type, &text);
+    H5Aclose(attribute);
+    H5Sclose(space);
+    H5Tclose(type);
+  }
+
+  /// Adds the events as compounds, like Prophesee.
+  void add_compounds(const std::string& path, std::span<const Event> events, const Hdf5Storage& storage = {}) {
+    const hid_t type = H5Tcreate(H5T_COMPOUND, sizeof(Event));
+    H5Tinsert(type, "x", HOFFSET(Event, x), H5T_NATIVE_UINT16);
+    H5Tinsert(type, "y", HOFFSET(Event, y), H5T_NATIVE_UINT16);
+    H5Tinsert(type, "p", HOFFSET(Event, p), H5T_NATIVE_INT16);
+    H5Tinsert(type, "t", HOFFSET(Event, t), H5T_NATIVE_INT64);
+    add(path, {events.size()}, type, type, events.data(), storage);
+    H5Tclose(type);
+  }
+
+  /// Adds the events as datasets x, y, t, p of a group, like DSEC.
+  void add_columns(const std::string& group, std::span<const Event> events, const Hdf5Storage& storage = {}) {
+    const auto column = [&](const char* name, hid_t type, const auto& value_of) {
+      std::vector<std::int64_t> values;
+      for (const Event& event : events) values.push_back(value_of(event));
+      add(group + "/" + name, values, type, storage);
+    };
+    column("x", H5T_STD_U16LE, [](const Event& e) { return std::int64_t{e.x}; });
+    column("y", H5T_STD_U16LE, [](const Event& e) { return std::int64_t{e.y}; });
+    column("t", H5T_STD_U32LE, [](const Event& e) { return e.t; });
+    column("p", H5T_STD_U8LE, [](const Event& e) { return std::int64_t{e.p}; });
+  }
+
+  std::string bytes() const {
+    H5Fflush(file_, H5F_SCOPE_GLOBAL);
+    std::string bytes(static_cast<std::size_t>(H5Fget_file_image(file_, nullptr, 0)), '\0');
+    H5Fget_file_image(file_, bytes.data(), bytes.size());
+    return bytes;
+  }
+
+ private:
+  hid_t file_ = -1, links_ = -1;
+};
+
+}  // namespace evmarker::io::test
+#endif
