@@ -14,12 +14,12 @@ struct KalmanSettings {
   /// White acceleration of the marker's edges at rest [m^2/s^3]. In motion, speed^3 / turning_distance_m is added: a
   /// hand changes its velocity within a distance, not within a time, and the number of events grows with distance, too.
   /// This is what is assumed at first; then the noise is learned, see MotionNoise.
-  double acceleration_noise = 0.5;
+  double acceleration_noise = 2;
   double turning_distance_m = 0.02;
   /// Share of that noise with which rotation moves the edges: a hand rotates a marker less than it carries it. The
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
-  double velocity_memory_s = 0.2;  ///< without events, velocity fades with this time constant
+  double velocity_memory_s = 0.1;  ///< velocity fades with this time constant: a hand turns back
   double offset_drift_px = 0.05;   ///< random walk of the edge offset and of the trail [px per square root of s]
   /// Standard deviation of the sensor's unknown delay [s]. It shifts the pose along its motion, which the filter cannot
   /// observe; used in the reported covariance only.
