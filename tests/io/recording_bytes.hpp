@@ -20,10 +20,10 @@
 
 namespace evmarker::io::test {
 
-/// The lowest `bytes` bytes of a number, in little-endian order.
+/// The lowest `bytes` bytes of a number, in little-endian order, with zeros behind them if it has fewer.
 inline std::string little(std::uint64_t value, std::size_t bytes) {
   std::string text;
-  for (std::size_t i = 0; i < bytes; ++i) text += static_cast<char>(value >> (8 * i) & 0xFF);
+  for (; bytes > 0; --bytes, value >>= 8U) text += static_cast<char>(value & 0xFF);
   return text;
 }
 
