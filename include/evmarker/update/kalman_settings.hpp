@@ -19,8 +19,8 @@ struct KalmanSettings {
   /// Share of that noise with which rotation moves the edges: a hand rotates a marker less than it carries it. The
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
-  double velocity_memory_s = 0.1;  ///< velocity fades with this time constant: a hand turns back
-  double offset_drift_px = 0.05;   ///< random walk of the edge offset and of the trail [px per square root of s]
+  double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
+  double offset_drift_px = 0.05;    ///< random walk of the edge offset and of the trail [px per square root of s]
   /// Standard deviation of the sensor's unknown delay [s]. It shifts the pose along its motion, which the filter cannot
   /// observe; used in the reported covariance only.
   double latency_sigma_s = 2e-4;

@@ -9,7 +9,7 @@ namespace evmarker {
 
 /// Adapts the process noise of a filter with a velocity: what accelerates the marker shows as corrections of its
 /// velocity in one direction, while those by the noise of the events cancel. A calm motion then averages over many
-/// events, and a sudden one is followed at once.
+/// events, and a sudden one is followed as if nothing were known.
 class MotionNoise {
  public:
   /// Adds a correction of the velocity [m/s, rad/s].
@@ -23,7 +23,7 @@ class MotionNoise {
   }
 
   /// Density of the white acceleration along each axis [m^2/s^3].
-  /// @param usual where nothing is known, at first and after a pause; never far from it
+  /// @param usual where nothing is known, at first and after a pause; never more
   double translation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.t)); }
   /// The same for rotation [rad^2/s^3].
   double rotation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.r)); }
@@ -32,12 +32,12 @@ class MotionNoise {
   // An acceleration that holds for the window, as a white one: chosen on seed 9101 of nine scenarios of the accuracy
   // benchmark, where 10 to 30 make little difference.
   static constexpr double kGain = 20;
-  static constexpr double kLeast = 0.05, kMost = 4;  // of the usual noise: more would feed on itself
+  static constexpr double kLeast = 0.05;  // of the usual noise; more than that would feed on itself
   static constexpr double kWindowsToLearn = 3;
 
   double adapted(double usual, double acceleration2) const noexcept {
     const double least = known_s_ < kWindowsToLearn * window_s_ ? 1 : kLeast;
-    return std::clamp(kGain * window_s_ * acceleration2, least * usual, kMost * usual);
+    return std::clamp(kGain * window_s_ * acceleration2, least * usual, usual);
   }
 
   Vec6 acceleration_;  // the corrections of about the last window_s_, by time
