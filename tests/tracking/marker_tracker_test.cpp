@@ -447,6 +447,20 @@ TEST_CASE("missing events are bridged as long as the motion tells where the edge
   }
 }
 
+TEST_CASE("a gap while the marker rests takes it where pose_at says, not on by the velocity it had") {
+  const Trajectory motion = trajectory::stop_and_go(simulated::near_motion(72), 0.15, 0.4);
+  const auto events = simulated::near_events(motion, 0.4, 72);
+  auto tracker = code_tracker(motion(0));
+  tracker.push(events, [](const PoseEstimate&) {});
+  REQUIRE(tracker.state() == TrackingState::tracking);
+  constexpr std::chrono::microseconds kMissing(3000);
+  const PoseEstimate resting = tracker.estimate(), expected = tracker.pose_at(resting.t + kMissing.count());
+  REQUIRE(resting.t > 390000);
+  REQUIRE(tracker.skip(kMissing) == nullptr);
+  CHECK(pose_error(tracker.T_camera_marker(), expected.T_camera_marker).translation_mm < 1e-6);
+  CHECK(pose_error(tracker.T_camera_marker(), resting.T_camera_marker).translation_mm < 0.2);
+}
+
 TEST_CASE("what cannot work is refused by name") {
   const auto square = make_square_marker(0.1);
   const auto pose = facing_pose({0, 0, 0.6});

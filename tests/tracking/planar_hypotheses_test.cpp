@@ -90,7 +90,7 @@ TEST_CASE("events may be missing for as long as either pose survives that") {
   const auto events = simulated::near_events(motion, 0.002, 83);
   int one_survives = 0, none_survives = 0;
   for (const bool right_one_first : {true, false})
-    for (int missing_us = 1100; missing_us < 100000; missing_us += missing_us / 128) {
+    for (int missing_us = 1100; missing_us < 100000; missing_us += missing_us / 16) {
       CAPTURE(missing_us);
       const auto survives = [&](const Eigen::Isometry3d& start) {
         MarkerTracker<KalmanUpdate> alone(lines, model, start, settings);

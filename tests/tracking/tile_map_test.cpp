@@ -103,3 +103,17 @@ TEST_CASE("a marker that might be anywhere, or recedes, is soon told only what l
   CHECK(asked(map, event_on(100, 75)) == std::vector{0});
   CHECK(asked(map, event_on(100, 75 + 32)).empty());
 }
+
+TEST_CASE("events that come before the next move may lie three pixels beyond the reach") {
+  const UndistortionTable lines(kStraight);
+  TileMap map(lines, 2);
+  map.resize(2);
+  map.move(0, Box::everywhere());
+  for (int x = 60; x < 140; ++x)
+    for (const double part : {0.0, 0.3, 0.6}) {
+      const Vec2 right = lines(event_on(x, 75));
+      map.move(1, {{right.x - 0.1, -0.1}, {right.x - part * (lines(event_on(x + 1, 75)).x - right.x), 0.1}});
+      CAPTURE(x);
+      CHECK(map.shared(event_on(x + 2, 75), lines));
+    }
+}

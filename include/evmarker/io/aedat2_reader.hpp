@@ -12,11 +12,10 @@
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/aedat_header.hpp"
 #include "evmarker/io/block_reader.hpp"
-#include "evmarker/io/byte_stream.hpp"
-#include "evmarker/io/collecting_reader.hpp"
 #include "evmarker/io/header_lines.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/streaming_reader.hpp"
 #include "evmarker/io/wrapping_clock.hpp"
 
 namespace evmarker::io {
@@ -26,7 +25,7 @@ namespace evmarker::io {
 /// triggers of id 0; a DVS128 records falling ones alone.
 ///
 /// Where the header does not name the chip, it is a DVS128 if most addresses fit into 16 bits, as all of its do.
-class Aedat2Reader final : public CollectingReader {
+class Aedat2Reader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, or its chip is unknown
   explicit Aedat2Reader(std::filesystem::path path, const RecordingOptions& options = {})
@@ -34,7 +33,7 @@ class Aedat2Reader final : public CollectingReader {
 
   /// The same of a file that is open; of its blocks, none but the first may have been read.
   explicit Aedat2Reader(BlockReader blocks, const RecordingOptions& options = {})
-      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+      : StreamingReader(std::move(blocks), options) {
     const HeaderLines header = detail::read_aedat_header(bytes_);
     if (!header.has("!AER-DAT2.0"))
       throw RecordingError(bytes_.path(), "not an AEDAT 2 recording: no line '#!AER-DAT2.0'", 0);
@@ -46,9 +45,6 @@ class Aedat2Reader final : public CollectingReader {
     is_davis_ = chip->is_davis;
     collector_.set_sensor_size(choose_sensor_size(chip->size, options, 1 << 10, "AEDAT 2", bytes_.path()));
   }
-
-  std::uint64_t bytes_read() const override { return bytes_.position(); }
-  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
 
  private:
   static constexpr std::size_t kRecordBytes = 8;
@@ -68,12 +64,8 @@ class Aedat2Reader final : public CollectingReader {
   }
 
   bool read_piece() override {
-    auto records = bytes_.ahead(kRecordBytes);
-    records = records.first(std::min(kPieceEvents, records.size() / kRecordBytes) * kRecordBytes);
-    if (records.empty()) {
-      collector_.statistics.truncated_bytes += bytes_.skip_rest();
-      return false;
-    }
+    const auto records = records_ahead(kRecordBytes);
+    if (records.empty()) return end();
     for (std::size_t at = 0; at < records.size(); at += kRecordBytes) {
       const Timestamp t = clock_.unwrap(load_big_endian(&records[at + 4]));
       if (is_davis_)
@@ -107,7 +99,6 @@ class Aedat2Reader final : public CollectingReader {
                      (address & 1U) == 0, t);
   }
 
-  ByteStream bytes_;
   bool is_davis_ = false;
   WrappingClock clock_{true};
 };

@@ -1,6 +1,5 @@
 #pragma once
 // AEDAT 3.1 recordings, as cAER writes them, as a source of events.
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -15,19 +14,18 @@
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/aedat_header.hpp"
 #include "evmarker/io/block_reader.hpp"
-#include "evmarker/io/byte_stream.hpp"
-#include "evmarker/io/collecting_reader.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/header_lines.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/streaming_reader.hpp"
 
 namespace evmarker::io {
 
 /// Reads AEDAT 3.1 recordings: header lines, and packets of events of one type and source. Of several sources the first
 /// in the header is read, or else that of the first packet of events; packets of frames and measurements are passed
 /// over, events that are marked invalid left out. Edges and pulses at the camera's inputs are triggers, pulses rising.
-class Aedat3Reader final : public CollectingReader {
+class Aedat3Reader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, or its format is not RAW
   explicit Aedat3Reader(std::filesystem::path path, const RecordingOptions& options = {})
@@ -35,7 +33,7 @@ class Aedat3Reader final : public CollectingReader {
 
   /// The same of a file that is open; of its blocks, none but the first may have been read.
   explicit Aedat3Reader(BlockReader blocks, const RecordingOptions& options = {})
-      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+      : StreamingReader(std::move(blocks), options) {
     const HeaderLines header = detail::read_aedat_header(bytes_);
     if (!header.has("!AER-DAT3.1"))
       throw RecordingError(bytes_.path(), "not an AEDAT 3.1 recording: no line '#!AER-DAT3.1'", 0);
@@ -52,18 +50,13 @@ class Aedat3Reader final : public CollectingReader {
     collector_.set_sensor_size(choose_sensor_size(size, options, 1 << 15, "AEDAT 3.1", bytes_.path()));
   }
 
-  std::uint64_t bytes_read() const override { return bytes_.position(); }
-  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
-
  private:
   static constexpr std::size_t kHeaderBytes = 28, kEventBytes = 8;
   static constexpr int kSpecial = 0, kPolarity = 1;
 
   bool read_piece() override {
     if (events_left_ == 0) return read_packet_header();
-    auto events = bytes_.ahead(kEventBytes);
-    const std::size_t count = std::min({kPieceEvents, events.size() / kEventBytes, events_left_});
-    events = events.first(count * kEventBytes);
+    const auto events = records_ahead(kEventBytes, events_left_);
     if (events.empty()) return end();
     for (std::size_t at = 0; at < events.size(); at += kEventBytes) {
       const auto data = load_word<std::uint32_t>(&events[at]), time = load_word<std::uint32_t>(&events[at + 4]);
@@ -75,13 +68,8 @@ class Aedat3Reader final : public CollectingReader {
         add_special(data >> 1U & 0x7FU, t);
     }
     bytes_.skip(events.size());
-    events_left_ -= count;
+    events_left_ -= events.size() / kEventBytes;
     return true;
-  }
-
-  bool end() {
-    collector_.statistics.truncated_bytes += bytes_.skip_rest();
-    return false;
   }
 
   // Reads the header of a packet, and passes over the packet if it is not of interest.
@@ -136,7 +124,6 @@ class Aedat3Reader final : public CollectingReader {
       if (edge.type == type) collector_.add(TriggerEvent{edge.id, edge.rising, t});
   }
 
-  ByteStream bytes_;
   std::optional<int> source_;
   int type_ = kPolarity;
   std::size_t events_left_ = 0;  // of the packet

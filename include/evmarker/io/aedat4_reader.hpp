@@ -16,14 +16,13 @@
 #include "evmarker/events/event.hpp"
 #include "evmarker/io/aedat4_header.hpp"
 #include "evmarker/io/block_reader.hpp"
-#include "evmarker/io/byte_stream.hpp"
-#include "evmarker/io/collecting_reader.hpp"
 #include "evmarker/io/decompression.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/flatbuffer.hpp"
 #include "evmarker/io/lz4_decompressor.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/streaming_reader.hpp"
 #include "evmarker/io/zstd_decompressor.hpp"
 
 namespace evmarker::io {
@@ -47,7 +46,7 @@ inline std::unique_ptr<Decompressor> make_decompressor(Aedat4Compression compres
 
 /// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events the first in
 /// the header is read; packets of other streams, of frames, measurements and triggers, are passed over.
-class Aedat4Reader final : public CollectingReader {
+class Aedat4Reader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, has no stream of events, or is compressed by a library that
   /// this build leaves out
@@ -56,7 +55,7 @@ class Aedat4Reader final : public CollectingReader {
 
   /// The same of a file that is open; of its blocks, none but the first may have been read.
   explicit Aedat4Reader(BlockReader blocks, const RecordingOptions& options = {})
-      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+      : StreamingReader(std::move(blocks), options) {
     constexpr std::string_view first_line = "#!AER-DAT4.0\r\n";
     if (!bytes_.text_ahead(first_line.size()).starts_with(first_line))
       throw RecordingError(bytes_.path(), "not an AEDAT 4 recording: no first line '#!AER-DAT4.0'", 0);
@@ -70,9 +69,6 @@ class Aedat4Reader final : public CollectingReader {
     decompressor_ = detail::make_decompressor(header.compression, bytes_.path());
     collector_.set_sensor_size(choose_sensor_size(events->size, options, 1 << 15, "AEDAT 4", bytes_.path()));
   }
-
-  std::uint64_t bytes_read() const override { return bytes_.position(); }
-  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
 
  private:
   static constexpr std::size_t kPacketHeaderBytes = 8, kEventBytes = 16;
@@ -124,10 +120,7 @@ class Aedat4Reader final : public CollectingReader {
       return false;
     }
     const auto header = bytes_.ahead(kPacketHeaderBytes);
-    if (header.size() < kPacketHeaderBytes) {
-      collector_.statistics.truncated_bytes += bytes_.skip_rest();
-      return false;
-    }
+    if (header.size() < kPacketHeaderBytes) return end();
     const std::uint64_t begin = bytes_.position();
     const auto stream = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[0]));
     const auto length = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[4]));
@@ -157,7 +150,6 @@ class Aedat4Reader final : public CollectingReader {
     }
   }
 
-  ByteStream bytes_;
   int stream_ = 0;
   std::uint64_t end_of_packets_ = ~std::uint64_t{0};
   std::unique_ptr<Decompressor> decompressor_;  // none where packets are not compressed

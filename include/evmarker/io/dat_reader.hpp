@@ -1,6 +1,5 @@
 #pragma once
 // Prophesee DAT recordings, versions 1 and 2, as a source of events.
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -11,19 +10,18 @@
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/block_reader.hpp"
-#include "evmarker/io/byte_stream.hpp"
-#include "evmarker/io/collecting_reader.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/header_lines.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
+#include "evmarker/io/streaming_reader.hpp"
 #include "evmarker/io/wrapping_clock.hpp"
 
 namespace evmarker::io {
 
 /// Reads DAT recordings of events or of triggers: header lines, the type and the size of a record, and records of a
 /// 32-bit time [us], which wraps after 71.6 minutes, and 32 bits of data. A header without version is one of version 1.
-class DatReader final : public CollectingReader {
+class DatReader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, or version, type or size of its records is unknown
   explicit DatReader(std::filesystem::path path, const RecordingOptions& options = {})
@@ -31,7 +29,7 @@ class DatReader final : public CollectingReader {
 
   /// The same of a file that is open; of its blocks, none but the first may have been read.
   explicit DatReader(BlockReader blocks, const RecordingOptions& options = {})
-      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {
+      : StreamingReader(std::move(blocks), options) {
     if (bytes_.ahead().empty()) throw RecordingError(bytes_.path(), "the file is empty");
     const HeaderLines header = detail::read_header_lines(bytes_.text_ahead(), bytes_.path());
     if (header.fields.empty())
@@ -45,9 +43,6 @@ class DatReader final : public CollectingReader {
     collector_.set_sensor_size(
         choose_sensor_size(size_of(header), options, has_wide_columns_ ? 1 << 14 : 1 << 9, "DAT", bytes_.path()));
   }
-
-  std::uint64_t bytes_read() const override { return bytes_.position(); }
-  std::uint64_t bytes_total() const override { return bytes_.bytes_total(); }
 
  private:
   static constexpr std::size_t kRecordBytes = 8;
@@ -76,12 +71,8 @@ class DatReader final : public CollectingReader {
   }
 
   bool read_piece() override {
-    auto records = bytes_.ahead(kRecordBytes);
-    records = records.first(std::min(kPieceEvents, records.size() / kRecordBytes) * kRecordBytes);
-    if (records.empty()) {
-      collector_.statistics.truncated_bytes += bytes_.skip_rest();
-      return false;
-    }
+    const auto records = records_ahead(kRecordBytes);
+    if (records.empty()) return end();
     for (std::size_t at = 0; at < records.size(); at += kRecordBytes)
       add_record(load_word<std::uint32_t>(&records[at]), load_word<std::uint32_t>(&records[at + 4]));
     bytes_.skip(records.size());
@@ -100,7 +91,6 @@ class DatReader final : public CollectingReader {
 
   static constexpr int kEvents = 0, kContrastEvents = 12, kTriggers = 14;
 
-  ByteStream bytes_;
   bool has_wide_columns_ = true;  // version 2: 14 bits for each coordinate
   bool has_triggers_ = false;
   WrappingClock clock_{false};

@@ -225,9 +225,6 @@ class KalmanUpdate {
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
   static constexpr double kPixelVariance = 1.0 / 12;     // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
-  // While an edge passes a pixel, its events lie first on one side and then on the other: over a few pixels that
-  // cancels.
-  static constexpr double kPxToAverage = 4;
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -318,11 +315,13 @@ class KalmanUpdate {
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
   double rotation_speed() const noexcept { return std::sqrt(scales_.lever2 * squared_norm(twist_.r)); }
   double speed(double rotation_speed) const noexcept { return norm(twist_.t) + rotation_speed; }
-  // How long the edges take for kPxToAverage, but no longer than a hand keeps an acceleration.
+  // Time over which MotionNoise averages [s]. While an edge passes over a pixel, its events lie first on one side of it
+  // and then on the other: over the way of a few pixels that cancels. A hand keeps an acceleration no longer than
+  // kLongest_s.
   double averaging_time() const noexcept {
-    constexpr double kLongest_s = 0.05;
+    constexpr double kWay_px = 4, kLongest_s = 0.05;
     const double px_per_s = std::sqrt(scales_.gradient2) * speed(rotation_speed());
-    return kPxToAverage / std::max(px_per_s, kPxToAverage / kLongest_s);
+    return kWay_px / std::max(px_per_s, kWay_px / kLongest_s);
   }
   // White acceleration of a motion that changes its velocity within `turning_distance_m` [m^2/s^3].
   double turning_noise(double speed) const noexcept { return speed * speed * speed / settings_.turning_distance_m; }

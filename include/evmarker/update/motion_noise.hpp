@@ -16,8 +16,8 @@ class MotionNoise {
   /// @param dt since the correction before [s]
   /// @param window_s time to average over [s]: long enough for the noise of the events to cancel
   void add(const Vec6& correction, double dt, double window_s) noexcept {
-    if (!(dt < window_s) || !std::isfinite(squared_norm(correction))) return void(*this = {});
     acceleration_ = window_s / (window_s + dt) * (acceleration_ + 1 / window_s * correction);
+    if (!(dt < window_s) || !std::isfinite(squared_norm(acceleration_))) return void(*this = {});
     window_s_ = window_s;
     known_s_ += dt;
   }

@@ -1,0 +1,42 @@
+#pragma once
+// A reader of records or packets that follow each other in a file.
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <utility>
+
+#include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/byte_stream.hpp"
+#include "evmarker/io/collecting_reader.hpp"
+#include "evmarker/io/recording_reader.hpp"
+
+namespace evmarker::io {
+
+/// What the readers share that pass through a file, a pipe or a FIFO once.
+class StreamingReader : public CollectingReader {
+ public:
+  std::uint64_t bytes_read() const final { return bytes_.position(); }
+  std::uint64_t bytes_total() const final { return bytes_.bytes_total(); }
+
+ protected:
+  /// @param blocks of which none but the first may have been read
+  StreamingReader(BlockReader blocks, const RecordingOptions& options)
+      : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {}
+
+  /// Whole records of `bytes_each`, at most `most` and no more than a piece; none at the end of the file.
+  std::span<const std::byte> records_ahead(std::size_t bytes_each, std::size_t most = kPieceEvents) {
+    const auto ahead = bytes_.ahead(bytes_each);
+    return ahead.first(std::min({most, kPieceEvents, ahead.size() / bytes_each}) * bytes_each);
+  }
+
+  /// Counts what is left behind the last whole record; false, as there is no further piece.
+  bool end() {
+    collector_.statistics.truncated_bytes += bytes_.skip_rest();
+    return false;
+  }
+
+  ByteStream bytes_;
+};
+
+}  // namespace evmarker::io
