@@ -1,5 +1,7 @@
 #pragma once
 // An event and an edge: their distance in the image, Eq. (1), and their nearest points in space, Eqs. (3) to (5).
+#include <limits>
+
 #include "evmarker/base/vector.hpp"
 #include "evmarker/simd/lanes.hpp"
 
@@ -15,6 +17,7 @@ namespace evmarker {
 struct ClosestPoints {
   Vec3 E, F;
   bool valid = false;  ///< false if the edge is nearly parallel to the line of sight: Eq. (5) is singular
+  double from_end;     ///< a2 of E from the edge's nearer end
 };
 
 /// Eqs. (3) to (5): E = V + a2 S on the edge, F = a1 M on the line of sight, E - F perpendicular to both.
@@ -26,7 +29,19 @@ struct ClosestPoints {
   // std::clamp without branches; a NaN becomes a bound.
   const double a2 = simd::smaller(simd::larger((MS * MV - MM * SV) / determinant, begin), end);
   const double a1 = (MV + a2 * MS) / MM;  // first row of Eq. (5): F is nearest to E also for a clamped a2
-  return {V + a2 * S, a1 * M, determinant > 1e-6 * MM * SS};
+  return {V + a2 * S, a1 * M, determinant > 1e-6 * MM * SS, simd::smaller(a2 - begin, end - a2)};
+}
+
+/// How far the image of E is from that of the edge's nearer end, squared [px^2]; infinite in the middle half of an
+/// edge.
+/// @param S,begin,end as for `closest_points`
+[[gnu::always_inline]] inline double from_end_px2(const ClosestPoints& points, Vec3 S, double begin, double end,
+                                                  double focal_length) noexcept {
+  const Vec3 E = points.E;
+  const double by_z = 1 / E.z, x = by_z * E.x, y = by_z * E.y, way = focal_length * by_z * points.from_end;
+  const double along_x = way * (S.x - x * S.z), along_y = way * (S.y - y * S.z);
+  return 4 * points.from_end < end - begin ? along_x * along_x + along_y * along_y
+                                           : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace evmarker

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
+#include <limits>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/simd/lanes.hpp"
@@ -11,11 +12,13 @@ namespace evmarker {
 
 /// An event and the point of the model that is assumed to have made it. Points are in the camera frame [m].
 struct Correspondence {
-  Timestamp t = 0;                              ///< of the event [us]
-  double polarity = 0;                          ///< of the event: 1 ON, -1 OFF, 0 unknown
-  int segment = 0;                              ///< index into MarkerModel::segments
-  double distance_px = 0;                       ///< Eq. (1), signed: positive along `normal`
-  double squared_px = 0;                        ///< `distance_px` squared
+  Timestamp t = 0;         ///< of the event [us]
+  double polarity = 0;     ///< of the event: 1 ON, -1 OFF, 0 unknown
+  int segment = 0;         ///< index into MarkerModel::segments
+  double distance_px = 0;  ///< Eq. (1), signed: positive along `normal`
+  double squared_px = 0;   ///< `distance_px` squared
+  /// Squared distance of E's image from that of the edge's nearer end [px^2]; infinite in the edge's middle half.
+  double from_end_px2 = std::numeric_limits<double>::infinity();
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
   bool dark_side_known = false;                 ///< whether `normal` points to the dark side
   Eigen::Vector3d gradient{0, 0, 0};            ///< derivative by E of the place of E's image along `normal` [px/m]
@@ -34,6 +37,7 @@ struct alignas(64) Correspondences {
   simd::Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
   simd::Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
   simd::Lanes g_x, g_y, g_z;  ///< derivative by E of the place of E's image along the edge's normal [px/m]
+  simd::Lanes from_end_px2;   ///< as in Correspondence
   simd::Lanes is_event;       ///< 1 for events, 0 in the lanes from `count` on
   std::size_t count = 0;
 

@@ -18,6 +18,7 @@ struct EdgeGeometry {
   Vec2 normal;           ///< of the edge's image, toward its dark side
   Vec3 gradient;         ///< how E's image moves along `normal` with E: derivative by E [px/m]
   ClosestPoints points;  ///< Eqs. (3) to (5)
+  double from_end_px2;   ///< as in Correspondence
 };
 
 /// @param line image of the edge, n m + c = 0, n toward larger grid coordinates, not of unit length
@@ -31,7 +32,8 @@ struct EdgeGeometry {
   const Vec3 unit = signed_inverse_norm * line;
   const Vec2 normal{unit.x, unit.y};
   const ClosestPoints points = closest_points(V, S, begin, end, {m.x, m.y, 1});
-  return {focal_length * line_distance(unit, m), normal, image_gradient(normal, points.E, focal_length), points};
+  return {focal_length * line_distance(unit, m), normal, image_gradient(normal, points.E, focal_length), points,
+          from_end_px2(points, S, begin, end, focal_length)};
 }
 
 /// The line of a grid on which an edge lies, at the grid's present pose.
@@ -56,6 +58,7 @@ struct EdgeLine {
   c.segment = edge.segment;
   c.distance_px = geometry.distance_px;
   c.squared_px = geometry.distance_px * geometry.distance_px;
+  c.from_end_px2 = geometry.from_end_px2;
   c.normal = geometry.normal;
   c.dark_side_known = true;
   c.gradient = geometry.gradient;
@@ -108,6 +111,7 @@ template <typename LineOf>
     c.t[i] = matches.t[i];
     c.polarity[i] = matches.polarity[i];
     c.distance_px[i] = geometry.distance_px;
+    c.from_end_px2[i] = geometry.from_end_px2;
     c.M_x[i] = m.x;
     c.M_y[i] = m.y;
     c.F_x[i] = geometry.points.F.x;

@@ -90,6 +90,7 @@ class SegmentMatcher {
     correspondence.segment = segment->index;
     correspondence.distance_px = distance_px;
     correspondence.squared_px = best_px * best_px;
+    correspondence.from_end_px2 = from_end_px2(points, segment->S, 0, 1, focal_length_);
     correspondence.normal = normal;
     correspondence.dark_side_known = segment->dark_side_known;
     correspondence.gradient = image_gradient(normal, points.E, focal_length_);

@@ -20,7 +20,7 @@ struct KalmanSettings {
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
   double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
-  double offset_drift_px = 0.05;    ///< random walk of the edge offset and of the trail [px per square root of s]
+  double offset_drift_px = 0.025;   ///< random walk of the edge offset and of the trail [px per square root of s]
   /// Standard deviation of the sensor's unknown delay [s]. It shifts the pose along its motion, which the filter cannot
   /// observe; used in the reported covariance only.
   double latency_sigma_s = 2e-4;

@@ -51,7 +51,8 @@ class KalmanUpdate {
   /// Adds the measurement of one event.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
-    const Measurement of_event = measurement(c.gradient, lever, c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
+    const Measurement of_event =
+        measurement(c.gradient, lever, c.distance_px, c.from_end_px2, c.dark_side_known ? 1 : 0, c.polarity);
     // What is not finite would stay in the means for ever. One comparison finds it; the rotation part of the row needs
     // none of its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
@@ -71,7 +72,7 @@ class KalmanUpdate {
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const Measurement of_event =
-          measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], 1, c.polarity[i]);
+          measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], c.from_end_px2[i], 1, c.polarity[i]);
       const double since_update_us = c.t[i] - t_us;
       residual2[i] = c.is_event[i] * of_event.residual2;
       lever2[i] = c.is_event[i] * of_event.lever2;
@@ -225,6 +226,9 @@ class KalmanUpdate {
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
   static constexpr double kPixelVariance = 1.0 / 12;     // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
+  // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
+  // fifth is enough to tell the trail by edges that move along themselves.
+  static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -235,14 +239,15 @@ class KalmanUpdate {
 
   // One event's row [J; d] of d = J [pose; biases]: J = [g, (E - T) x g, s, -s p], with a Cauchy weight.
   // g = d(n.u) / dE, u the image of E, n the edge's normal [px/m]; s: 1 if it is known on which side the edge is
-  // dark; p: polarity.
-  [[gnu::always_inline]] Measurement measurement(Vec3 g, Vec3 lever, double distance_px, double s,
+  // dark; p: polarity. Blur rounds the corners at an edge's ends: there, events lie up to half a pixel farther inside
+  // of the corner. If they counted like others, markers would seem nearer than they are.
+  [[gnu::always_inline]] Measurement measurement(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                  double p) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
     const double residual = residual_px(distance_px, s, p), residual2 = residual * residual;
-    const double robust2 = settings_.robust_px * settings_.robust_px;
+    const double robust2 = settings_.robust_px * settings_.robust_px, corner2 = kCornerSpreads2 * spread2_px_;
     return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s, -s * p, residual},
-            robust2 / (robust2 + residual2),
+            (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
             residual2,
             squared_norm(lever),
             squared_norm(g)};
