@@ -73,6 +73,7 @@ TEST_CASE("fuzzed: HDF5 recordings") {
   MESSAGE("skipped: this build has no libhdf5");
 #endif
 }
+TEST_CASE("fuzzed: MCAP recordings") { run_target("mcap"); }
 TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
 TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
 TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }

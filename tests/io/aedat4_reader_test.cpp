@@ -17,19 +17,7 @@ static_assert(EventSource<Aedat4Reader>);
 
 namespace {
 
-/// The compressions that this build has.
-std::vector<Aedat4Compression> built_compressions() {
-  std::vector<Aedat4Compression> compressions{Aedat4Compression::none};
-#ifdef EVMARKER_HAS_LZ4
-  compressions.push_back(Aedat4Compression::lz4);
-#endif
-#ifdef EVMARKER_HAS_ZSTD
-  compressions.push_back(Aedat4Compression::zstd);
-#endif
-  return compressions;
-}
-
-bool is_built(Aedat4Compression compression) {
+bool is_built(Compression compression) {
   const auto built = built_compressions();
   return std::ranges::find(built, compression) != built.end();
 }
@@ -141,9 +129,9 @@ TEST_CASE("Aedat4Reader: one clear line for a garbled packet, once all events be
                      "packet: garbled flatbuffer: it refers to byte 32 and "));
     CHECK(contains(error_behind(compressed("abc")), "packet: it has no size"));
     CHECK(contains(error_behind(compressed(little(4, 4) + little(0xFFFFFFF0, 4))), "packet: garbled flatbuffer"));
-    if (compression != Aedat4Compression::none)
+    if (compression != Compression::none)
       CHECK(contains(error_behind(aedat4_packet(1, "no frame at all")),
-                     compression == Aedat4Compression::lz4 ? "LZ4: " : "ZSTD: "));
+                     compression == Compression::lz4 ? "LZ4: " : "ZSTD: "));
   }
 }
 
@@ -154,7 +142,7 @@ TEST_CASE("Aedat4Reader: a small packet that becomes too long when it is decompr
   }
   const TemporaryFolder folder;
   for (const auto compression : built_compressions()) {
-    if (compression == Aedat4Compression::none) continue;
+    if (compression == Compression::none) continue;
     const std::string packet = compress(std::string(Decompressor::kMaxBytes + 1, '\0'), compression);
     CHECK(packet.size() < 400000);
     Aedat4Reader reader(write_file(
@@ -181,7 +169,7 @@ TEST_CASE("Aedat4Reader: times that cannot be shifted, and pixels off the sensor
 TEST_CASE("Aedat4Reader: a real recording in LZ4, of events and measurements") {
   const auto path = real_recording("formats/davis_lz4.aedat4");
   if (path.empty()) return;
-  if (!is_built(Aedat4Compression::lz4)) {
+  if (!is_built(Compression::lz4)) {
     MESSAGE("skipped: this build has no LZ4");
     return;
   }
