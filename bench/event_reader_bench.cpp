@@ -121,6 +121,10 @@ BENCHMARK_CAPTURE(read_bytes, mcap_evt3, make_mcap<io::test::RosEvents::evt3>)
 BENCHMARK_CAPTURE(read_bytes, mcap_libcaer_cmp, make_mcap<io::test::RosEvents::libcaer_cmp>)
     ->Name("read/mcap/libcaer_cmp")
     ->Unit(benchmark::kMillisecond);
+std::string make_rosbag(std::span<const Event> events, SensorSize size) {
+  return io::test::make_rosbag(events, size, io::test::RosEvents::array);
+}
+BENCHMARK_CAPTURE(read_bytes, rosbag, make_rosbag)->Name("read/rosbag/dvs_msgs")->Unit(benchmark::kMillisecond);
 
 #ifdef EVMARKER_HAS_HDF5
 template <unsigned DeflateLevel>

@@ -74,6 +74,7 @@ TEST_CASE("fuzzed: HDF5 recordings") {
 #endif
 }
 TEST_CASE("fuzzed: MCAP recordings") { run_target("mcap"); }
+TEST_CASE("fuzzed: rosbags") { run_target("rosbag"); }
 TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
 TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
 TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }

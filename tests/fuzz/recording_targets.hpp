@@ -138,9 +138,9 @@ inline std::string make_aedat3_part(Random& random) {
 // The input as the content of a frame, of which for every other input one byte is garbled.
 inline void fuzz_decompressors(std::string_view input) {
   const std::size_t garbled = std::hash<std::string_view>()(input);
-  for (const auto compression : io::test::built_compressions()) {
+  for (const auto compression : {io::Compression::lz4, io::Compression::zstd, io::Compression::bz2}) {
+    if (io::test::built_compressions({compression}).empty()) continue;
     const auto decompressor = io::make_decompressor(compression, "packets", "fuzzed");
-    if (!decompressor) continue;
     std::string frame = io::test::compress(std::string(input), compression);
     if (garbled % 2 == 1) frame[garbled / 2 % frame.size()] ^= static_cast<char>(1U << garbled / 2 % 8);
     try {

@@ -15,7 +15,8 @@ namespace evmarker::fuzz {
 
 inline std::vector<Target> all_targets() {
   std::vector<Target> targets;
-  for (auto* const make : {evt_targets, recording_targets, ros_targets, text_targets, tracking_targets, pipeline_targets})
+  for (auto* const make :
+       {evt_targets, recording_targets, ros_targets, text_targets, tracking_targets, pipeline_targets})
     for (Target& target : make()) targets.push_back(std::move(target));
   return targets;
 }

@@ -1,5 +1,8 @@
 #pragma once
 // Recordings in the formats that the library reads but does not write, by the descriptions of these formats.
+#ifdef EVMARKER_HAS_BZ2
+#include <bzlib.h>
+#endif
 #ifdef EVMARKER_HAS_LZ4
 #include <lz4frame.h>
 #endif
@@ -18,6 +21,7 @@
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/aedat4_header.hpp"
+#include "evmarker/io/compression.hpp"
 
 namespace evmarker::io::test {
 
@@ -159,17 +163,16 @@ inline std::string aedat4_packet(int stream, const std::string& content) {
   return little(static_cast<std::uint64_t>(stream), 4) + little(content.size(), 4) + content;
 }
 
-/// The compressions that this build has.
-inline std::vector<Compression> built_compressions() {
-  std::vector<Compression> compressions{Compression::none};
-#ifdef EVMARKER_HAS_LZ4
-  compressions.push_back(Compression::lz4);
-#endif
-#ifdef EVMARKER_HAS_ZSTD
-  compressions.push_back(Compression::zstd);
-#endif
+/// The compressions of a format, as AEDAT 4's and MCAP's, that this build has.
+inline std::vector<Compression> built_compressions(std::vector<Compression> compressions = {
+                                                       Compression::none, Compression::lz4, Compression::zstd}) {
+  std::erase_if(compressions, [](Compression compression) {
+    return compression != Compression::none && !detail::find_decompressor(compression);
+  });
   return compressions;
 }
+
+inline const std::vector<Compression> kRosbagCompressions{Compression::none, Compression::lz4, Compression::bz2};
 
 inline std::string compress(const std::string& content, Compression compression) {
   std::string frame(2 * content.size() + 1000, '\0');
@@ -182,6 +185,15 @@ inline std::string compress(const std::string& content, Compression compression)
 #ifdef EVMARKER_HAS_ZSTD
   if (compression == Compression::zstd) {
     frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 1));
+    return frame;
+  }
+#endif
+#ifdef EVMARKER_HAS_BZ2
+  if (compression == Compression::bz2) {
+    auto bytes = static_cast<unsigned>(frame.size());
+    BZ2_bzBuffToBuffCompress(frame.data(), &bytes, const_cast<char*>(content.data()),
+                             static_cast<unsigned>(content.size()), 1, 0, 0);
+    frame.resize(bytes);
     return frame;
   }
 #endif

@@ -195,4 +195,51 @@ inline std::string make_mcap(std::span<const Event> events, SensorSize size, Ros
   return bytes + mcap_end(bytes.size(), channels);
 }
 
+/// Fields `name=value`, each with its length in front.
+using BagFieldBytes = std::vector<std::pair<std::string, std::string>>;
+
+inline std::string bag_fields(const BagFieldBytes& fields) {
+  std::string bytes;
+  for (const auto& [name, value] : fields) bytes += mcap_text(name + "=" + value);
+  return bytes;
+}
+
+inline std::string bag_record(int type, const BagFieldBytes& fields, const std::string& content) {
+  const std::string op = bag_fields({{"op", little(static_cast<std::uint64_t>(type), 1)}});
+  return mcap_text(bag_fields(fields) + op) + mcap_text(content);
+}
+
+inline std::string bag_connection(int id, const std::string& topic, const std::string& type) {
+  return bag_record(7, {{"conn", little(static_cast<std::uint64_t>(id), 4)}, {"topic", topic}},
+                    bag_fields({{"topic", topic}, {"type", type}, {"md5sum", "0"}, {"message_definition", "a\nb"}}));
+}
+
+inline std::string bag_message(int connection, const std::string& message) {
+  return bag_record(2, {{"conn", little(static_cast<std::uint64_t>(connection), 4)}, {"time", little(5, 8)}}, message);
+}
+
+inline std::string bag_chunk(const std::string& records, Compression compression = Compression::none) {
+  return bag_record(5, {{"compression", to_string(compression)}, {"size", little(records.size(), 4)}},
+                    compress(records, compression));
+}
+
+/// The first line and the header.
+/// @param index its position; 0 where there is none
+inline std::string bag_begin(std::uint64_t index = 0) {
+  return "#ROSBAG V2.0\n" +
+         bag_record(3, {{"index_pos", little(index, 8)}, {"conn_count", little(2, 4)}}, std::string(4000, ' '));
+}
+
+/// A recording of ROS 1: each message of events in a chunk of its own, with another topic's around it.
+inline std::string make_rosbag(std::span<const Event> events, SensorSize size, RosEvents kind,
+                               Compression compression = Compression::none) {
+  const std::string topics = bag_connection(0, "/imu", "sensor_msgs/Imu") + bag_connection(1, "/events", type_of(kind));
+  std::string chunks;
+  for (const std::string& message : event_messages(events, size, kind, false))
+    chunks += bag_chunk(topics + bag_message(0, "no events") + bag_message(1, message) + bag_message(0, "none"),
+                        compression) +
+              bag_record(4, {{"ver", little(1, 4)}}, "an index");
+  return bag_begin(bag_begin().size() + chunks.size()) + chunks + topics + bag_record(6, {{"ver", little(1, 4)}}, "x");
+}
+
 }  // namespace evmarker::io::test

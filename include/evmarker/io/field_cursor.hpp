@@ -13,6 +13,13 @@
 
 namespace evmarker::io {
 
+/// Rejects a text with control characters, which is no name.
+/// @throws std::runtime_error
+inline void require_one_line(std::string_view text) {
+  if (std::ranges::any_of(text, [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; }))
+    throw std::runtime_error("garbled: a name with control characters");
+}
+
 /// Reads little-endian fields one after the other from bytes that live as long as it is used. Every function throws
 /// std::runtime_error where the bytes end before the field.
 class FieldCursor {
@@ -46,8 +53,7 @@ class FieldCursor {
     const auto characters = sized_bytes();
     std::string_view text(reinterpret_cast<const char*>(characters.data()), characters.size());
     text = text.substr(0, text.find('\0'));
-    if (std::ranges::any_of(text, [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; }))
-      throw std::runtime_error("garbled: a name with control characters at byte " + std::to_string(at_ - text.size()));
+    require_one_line(text);
     return text;
   }
 

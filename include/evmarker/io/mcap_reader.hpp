@@ -4,32 +4,27 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <map>
-#include <memory>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
+#include "evmarker/io/bag_reader.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/compression.hpp"
 #include "evmarker/io/decompression.hpp"
-#include "evmarker/io/event_messages.hpp"
-#include "evmarker/io/event_topics.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/field_cursor.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
-#include "evmarker/io/streaming_reader.hpp"
 
 namespace evmarker::io {
 
 /// Reads the events of one topic of an MCAP recording (https://mcap.dev/spec), in the order of the file. Its topics are
 /// known from the summary at its end; of a pipe, or where there is none, each where it begins.
-class McapReader final : public StreamingReader {
+class McapReader final : public BagReader {
  public:
   /// @throws RecordingError where the file cannot be read, the topic is not there or not the only one, or its chunks
   /// are compressed by a library that this build leaves out
@@ -38,18 +33,11 @@ class McapReader final : public StreamingReader {
 
   /// The same of a file that is open; of its blocks, none but the first may have been read.
   explicit McapReader(BlockReader blocks, const RecordingOptions& options = {})
-      : StreamingReader(std::move(blocks), options),
-        topics_(bytes_.path(), options.topic),
-        messages_(bytes_.path(), options) {
+      : BagReader(std::move(blocks), options) {
     if (!bytes_.text_ahead(kMagic.size()).starts_with(kMagic))
       throw RecordingError(bytes_.path(), "not an MCAP recording: it does not begin with '\\x89MCAP0'", 0);
     bytes_.skip(kMagic.size());
-    if (read_summary()) topics_.require_chosen();
-    topics_.require_one();
-    while (!messages_.any() && read_record())
-      ;
-    if (!messages_.any()) topics_.require_chosen();
-    collector_.set_sensor_size(messages_.sensor_size());
+    find_first_message(read_summary());
   }
 
  private:
@@ -58,15 +46,7 @@ class McapReader final : public StreamingReader {
 
   enum class Record : unsigned char { footer = 2, schema = 3, channel = 4, message = 5, chunk = 6, data_end = 15 };
 
-  bool read_piece() override {
-    if (messages_.done()) return read_record();
-    messages_.decode_piece(collector_);
-    return true;
-  }
-
-  // Reads a record, or passes over it; false at the end of the data.
-  bool read_record() {
-    if (!chunk_.empty()) return read_record_of_chunk();
+  bool read_record_of_file() override {
     const auto header = bytes_.ahead(kHeaderBytes);
     if (header.size() < kHeaderBytes) return end();
     begin_ = bytes_.position();
@@ -79,7 +59,7 @@ class McapReader final : public StreamingReader {
       pass_whole(~std::uint64_t{0});
       return false;
     }
-    if (type == Record::chunk ? read_chunk(length) : read_or_pass(type, length)) return true;
+    if (type == Record::chunk ? read_chunk_record(length) : read_or_pass(type, length)) return true;
     collector_.statistics.truncated_bytes += bytes_.position() - begin_;
     return false;
   }
@@ -97,7 +77,7 @@ class McapReader final : public StreamingReader {
 
   // Reads a chunk that is compressed. The records of one that is not follow its header like any others. False where the
   // file ends before the end of the chunk.
-  bool read_chunk(std::uint64_t length) {
+  bool read_chunk_record(std::uint64_t length) {
     constexpr std::size_t kLongestHeader = 64;
     auto ahead = bytes_.ahead(kLongestHeader);
     ahead = ahead.first(std::min(ahead.size(), kLongestHeader));
@@ -109,31 +89,18 @@ class McapReader final : public StreamingReader {
       const auto bytes = fields.number<std::uint64_t>();
       bytes_.skip(fields.position());
       if (compression.empty() || bytes == 0) return true;
-      choose_decompressor(compression);
-      if (!read_whole(bytes, "chunk")) return false;
-      chunk_ = decompressor_->decompress(packet_);
-      return true;
+      if (compression != "lz4" && compression != "zstd")
+        throw std::runtime_error("compression is '" + compression + "', which is not supported (lz4 and zstd are)");
+      return read_chunk(compression == "lz4" ? Compression::lz4 : Compression::zstd, bytes);
     });
   }
 
-  void choose_decompressor(const std::string& compression) {
-    if (decompressor_ && compression == compression_) return;
-    if (compression != "lz4" && compression != "zstd")
-      throw std::runtime_error("compression is '" + compression + "', which is not supported (lz4 and zstd are)");
-    compression_ = compression;
-    decompressor_ =
-        make_decompressor(compression == "lz4" ? Compression::lz4 : Compression::zstd, "chunks", bytes_.path());
-  }
-
-  bool read_record_of_chunk() {
-    read_part(bytes_.path(), "chunk", begin_, [&] {
-      FieldCursor fields(chunk_);
-      const auto type = static_cast<Record>(fields.number<std::uint8_t>());
-      const auto content = fields.bytes(fields.number<std::uint64_t>());
-      chunk_ = chunk_.subspan(fields.position());
-      use(type, content);
-    });
-    return true;
+  void read_record_of_chunk() override {
+    FieldCursor fields(chunk_);
+    const auto type = static_cast<Record>(fields.number<std::uint8_t>());
+    const auto content = fields.bytes(fields.number<std::uint64_t>());
+    chunk_ = chunk_.subspan(fields.position());
+    use(type, content);
   }
 
   void use(Record type, std::span<const std::byte> content) {
@@ -170,13 +137,12 @@ class McapReader final : public StreamingReader {
     constexpr std::size_t kFooterBytes = kHeaderBytes + 20;
     const std::uint64_t total = bytes_.bytes_total();
     if (total < kFooterBytes + kMagic.size()) return false;
-    std::ifstream file(bytes_.path(), std::ios::binary);
     const std::uint64_t footer = total - kMagic.size() - kFooterBytes;
-    const auto end = read_from(file, footer, total);
+    const auto end = read_ahead(footer, total);
     if (!std::ranges::equal(std::span(end).last(kMagic.size()), std::as_bytes(std::span(kMagic)))) return false;
     const auto begin = load_word<std::uint64_t>(&end[kHeaderBytes]);
     if (begin >= footer || footer - begin > Decompressor::kMaxBytes) return false;
-    const auto summary = read_from(file, begin, footer);
+    const auto summary = read_ahead(begin, footer);
     bool any = false;
     try {
       for (FieldCursor records(summary); !records.empty();) {
@@ -189,20 +155,7 @@ class McapReader final : public StreamingReader {
     return any;
   }
 
-  static std::vector<std::byte> read_from(std::ifstream& file, std::uint64_t begin, std::uint64_t end) {
-    std::vector<std::byte> bytes(static_cast<std::size_t>(end - begin));
-    file.seekg(static_cast<std::streamoff>(begin));
-    file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-    return bytes;
-  }
-
-  EventTopics topics_;
-  EventMessages messages_;
   std::map<std::uint16_t, std::string> types_;  // of the schemas
-  std::string compression_;
-  std::unique_ptr<Decompressor> decompressor_;
-  std::span<const std::byte> chunk_;  // records of a compressed chunk that are not read yet
-  std::uint64_t begin_ = 0;           // of the record, or chunk, in the file
 };
 
 }  // namespace evmarker::io
