@@ -13,6 +13,7 @@
 #include "io/hdf5_bytes.hpp"
 #include "io/recording_bytes.hpp"
 #include "io/ros_bytes.hpp"
+#include "io/rosbag2_file.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;
@@ -125,6 +126,15 @@ std::string make_rosbag(std::span<const Event> events, SensorSize size) {
   return io::test::make_rosbag(events, size, io::test::RosEvents::array);
 }
 BENCHMARK_CAPTURE(read_bytes, rosbag, make_rosbag)->Name("read/rosbag/dvs_msgs")->Unit(benchmark::kMillisecond);
+
+#ifdef EVMARKER_HAS_SQLITE3
+void read_rosbag2(benchmark::State& state) {
+  const TemporaryFile file("");
+  io::test::write_rosbag2(file.path(), events(), bench::camera().sensor_size(), io::test::RosEvents::libcaer);
+  read(state, file.path());
+}
+BENCHMARK(read_rosbag2)->Name("read/rosbag2/libcaer")->Unit(benchmark::kMillisecond);
+#endif
 
 #ifdef EVMARKER_HAS_HDF5
 template <unsigned DeflateLevel>

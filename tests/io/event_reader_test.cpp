@@ -114,9 +114,9 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
   CHECK(refuses<EventReader>(folder / "a", "#!AER-DAT1.0\r\n", "other AEDAT recordings are not supported"));
   CHECK(refuses<EventReader>(folder / "a", "#ROSBAG V1.2\n", "other rosbag recordings are not"));
   CHECK(refuses<EventReader>(folder / "a.BAG", "\x01\x02", "rosbag"));
-  CHECK(refuses<EventReader>(
-      folder / "a.mp4", "\x01\x02",
-      "Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), DAT, AEDAT 2, 3.1 and 4, HDF5, MCAP, rosbag, text"));
+  CHECK(refuses<EventReader>(folder / "a.mp4", "\x01\x02",
+                             "Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), DAT, AEDAT 2, 3.1 and 4, HDF5, "
+                             "ROS (rosbag, MCAP, SQLite), text"));
   CHECK(refuses<EventReader>(folder / "a.raw", "\x01\x02", "not a Prophesee RAW recording"));
   CHECK(refuses<EventReader>(folder / "a.csv", "", "a.csv: the file is empty"));
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
@@ -149,6 +149,7 @@ TEST_CASE("EventReader: real recordings of every kind are recognised by their co
         Real{"formats/davis_lz4.aedat4", RecordingKind::aedat4, {320, 240}, 111954},
         Real{"formats/tags.mcap", RecordingKind::mcap, {346, 260}, 571266},
         Real{"formats/events_1.bag", RecordingKind::rosbag, {640, 480}, 343474},
+        Real{"formats/libcaer_rollover.db3", RecordingKind::rosbag2, {640, 480}, 334331},
         Real{"formats/plain_events.hdf5", RecordingKind::hdf5, {346, 260}, 17}}) {
     CAPTURE(name);
     const auto path = real_recording(name);

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -12,9 +13,12 @@
 #include <variant>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/io/compression.hpp"
+#include "evmarker/io/decompression.hpp"
 #include "evmarker/io/event_collector.hpp"
 #include "evmarker/io/event_message.hpp"
 #include "evmarker/io/event_packet_decoder.hpp"
+#include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 
@@ -34,7 +38,7 @@ class EventMessages {
              std::optional<std::uint64_t> byte_offset = std::nullopt) {
     message_ = {};
     read_part(path_, kPart, byte_offset, [&] {
-      const EventMessage message = parse_event_message(bytes, format);
+      const EventMessage message = parse_event_message(decompressed(bytes, format), format);
       begin_decoder(message, format);
       message_ = message;
     });
@@ -69,6 +73,14 @@ class EventMessages {
 
   SensorSize choose_size(std::optional<SensorSize> recorded) const {
     return choose_sensor_size(recorded, options_, 1 << 15, "ROS", path_);
+  }
+
+  // rosbag2 may compress each message, and marks none of these: but none that is not begins with such a number.
+  std::span<const std::byte> decompressed(std::span<const std::byte> bytes, EventMessageFormat format) {
+    constexpr std::uint32_t zstd = 0xFD2FB528;
+    if (!format.is_cdr || bytes.size() < 4 || load_word<std::uint32_t>(bytes.data()) != zstd) return bytes;
+    if (!decompressor_) decompressor_ = make_decompressor(Compression::zstd, "messages", path_);
+    return decompressor_->decompress(bytes);
   }
 
   void begin_decoder(const EventMessage& message, EventMessageFormat format) {
@@ -106,6 +118,7 @@ class EventMessages {
   RecordingOptions options_;
   std::optional<SensorSize> size_;
   EventMessage message_;
+  std::unique_ptr<Decompressor> decompressor_;  // none where messages are not compressed
   std::string encoding_;
   std::optional<EventPacketDecoder> decoder_;
 };

@@ -27,6 +27,7 @@
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/rosbag2_reader.hpp"
 #include "evmarker/io/rosbag_reader.hpp"
 
 namespace evmarker::io {
@@ -43,7 +44,7 @@ struct EventReaderOptions {
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5, mcap, rosbag };
+enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5, mcap, rosbag, rosbag2 };
 
 namespace detail {
 
@@ -51,10 +52,9 @@ struct UnsupportedKind {
   std::string_view name, magic, extensions;  // each extension between blanks
 };
 
-inline constexpr std::array<UnsupportedKind, 5> kUnsupportedKinds{{
+inline constexpr std::array<UnsupportedKind, 4> kUnsupportedKinds{{
     {"other AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
     {"other rosbag", "#ROSBAG V", " .bag "},
-    {"rosbag (SQLite)", "SQLite format 3", " .db3 "},
     {"NumPy", "\x93NUMPY", " .npy .npz "},
     {"ZIP archive", "PK\x03\x04", " .zip "},
 }};
@@ -76,7 +76,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "DAT, AEDAT 2, 3.1 and 4, HDF5, MCAP, rosbag, text (x,y,p,t or t x y p)"};
+                    "DAT, AEDAT 2, 3.1 and 4, HDF5, ROS (rosbag, MCAP, SQLite), text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -113,6 +113,7 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   if (head.starts_with("#!AER-DAT4.0")) return RecordingKind::aedat4;
   if (head.starts_with("\x89MCAP0\r\n")) return RecordingKind::mcap;
   if (head.starts_with("#ROSBAG V2.0\n")) return RecordingKind::rosbag;
+  if (head.starts_with("SQLite format 3")) return RecordingKind::rosbag2;
   if (head.starts_with("\x89HDF\r\n\x1a\n")) return RecordingKind::hdf5;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
@@ -169,6 +170,7 @@ class EventReader {
         return open_hdf5(blocks.path(), {{common}, options.text_layout.time_unit, options.stop});
       case RecordingKind::mcap: return std::make_unique<McapReader>(std::move(blocks), common);
       case RecordingKind::rosbag: return std::make_unique<RosbagReader>(std::move(blocks), common);
+      case RecordingKind::rosbag2: return open_rosbag2(blocks.path(), {{common}, options.stop});
       case RecordingKind::text: break;
     }
     return std::make_unique<CsvReader>(
