@@ -1,5 +1,5 @@
 #pragma once
-// bzip2 streams, where the build has libbz2: with the component `bz2`.
+// Streams of bzip2, where the build has libbz2: with the component `bz2`.
 #include <algorithm>
 #include <limits>
 #include <memory>
