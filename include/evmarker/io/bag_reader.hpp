@@ -50,6 +50,8 @@ class BagReader : public StreamingReader {
     }
     if (!read_whole(bytes, "chunk")) return false;
     chunk_ = read_part(bytes_.path(), "chunk", begin_, [&] { return decompressor_->decompress(packet_); });
+    // A message of the chunk may take as much again.
+    if (packet_.size() > kMostKept) packet_ = std::vector<std::byte>();
     return true;
   }
 
@@ -68,6 +70,8 @@ class BagReader : public StreamingReader {
   std::uint64_t begin_ = 0;           // of the record, or chunk, in the file
 
  private:
+  static constexpr std::size_t kMostKept = std::size_t{8} << 20;
+
   /// Reads a record of the file, or passes over it; false at the end of the data.
   virtual bool read_record_of_file() = 0;
   /// Reads the first record of `chunk_`.
