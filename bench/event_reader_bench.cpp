@@ -12,6 +12,8 @@
 #include "evmarker/io/raw_writer.hpp"
 #include "io/hdf5_bytes.hpp"
 #include "io/recording_bytes.hpp"
+#include "io/ros_bytes.hpp"
+#include "io/rosbag2_file.hpp"
 #include "recording.hpp"
 
 using namespace evmarker;
@@ -89,25 +91,49 @@ void read_bytes(benchmark::State& state, std::string (*make)(std::span<const Eve
 }
 
 std::string make_dat(std::span<const Event> events, SensorSize size) { return io::test::make_dat(events, size); }
-template <io::Aedat4Compression Compression>
+template <io::Compression Compression>
 std::string make_aedat4(std::span<const Event> events, SensorSize size) {
   return io::test::make_aedat4(events, size, Compression);
 }
 BENCHMARK_CAPTURE(read_bytes, dat, make_dat)->Name("read/dat")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(read_bytes, aedat2, io::test::make_aedat2)->Name("read/aedat2")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(read_bytes, aedat3, io::test::make_aedat3)->Name("read/aedat3")->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(read_bytes, aedat4, make_aedat4<io::Aedat4Compression::none>)
+BENCHMARK_CAPTURE(read_bytes, aedat4, make_aedat4<io::Compression::none>)
     ->Name("read/aedat4/none")
     ->Unit(benchmark::kMillisecond);
 #ifdef EVMARKER_HAS_LZ4
-BENCHMARK_CAPTURE(read_bytes, lz4, make_aedat4<io::Aedat4Compression::lz4>)
+BENCHMARK_CAPTURE(read_bytes, lz4, make_aedat4<io::Compression::lz4>)
     ->Name("read/aedat4/lz4")
     ->Unit(benchmark::kMillisecond);
 #endif
 #ifdef EVMARKER_HAS_ZSTD
-BENCHMARK_CAPTURE(read_bytes, zstd, make_aedat4<io::Aedat4Compression::zstd>)
+BENCHMARK_CAPTURE(read_bytes, zstd, make_aedat4<io::Compression::zstd>)
     ->Name("read/aedat4/zstd")
     ->Unit(benchmark::kMillisecond);
+#endif
+
+template <io::test::RosEvents Kind>
+std::string make_mcap(std::span<const Event> events, SensorSize size) {
+  return io::test::make_mcap(events, size, Kind);
+}
+BENCHMARK_CAPTURE(read_bytes, mcap_evt3, make_mcap<io::test::RosEvents::evt3>)
+    ->Name("read/mcap/evt3")
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_bytes, mcap_libcaer_cmp, make_mcap<io::test::RosEvents::libcaer_cmp>)
+    ->Name("read/mcap/libcaer_cmp")
+    ->Unit(benchmark::kMillisecond);
+std::string make_rosbag(std::span<const Event> events, SensorSize size) {
+  return io::test::make_rosbag(events, size, io::test::RosEvents::array);
+}
+BENCHMARK_CAPTURE(read_bytes, rosbag, make_rosbag)->Name("read/rosbag/dvs_msgs")->Unit(benchmark::kMillisecond);
+
+#ifdef EVMARKER_HAS_SQLITE3
+void read_rosbag2(benchmark::State& state) {
+  const TemporaryFile file("");
+  io::test::write_rosbag2(file.path(), events(), bench::camera().sensor_size(), io::test::RosEvents::libcaer);
+  read(state, file.path());
+}
+BENCHMARK(read_rosbag2)->Name("read/rosbag2/libcaer")->Unit(benchmark::kMillisecond);
 #endif
 
 #ifdef EVMARKER_HAS_HDF5

@@ -9,7 +9,7 @@ set(rooms base simd events model matching update detection search tracking evalu
 set(components io live opencv)
 set(umbrella evmarker.hpp)
 set(always_allowed "^([a-z0-9_]+|Eigen/[A-Za-z]+)$") # what stands between < and >: C++ headers and Eigen
-set(may_include_io "^(fcntl|hdf5|lz4frame|poll|unistd|zstd)\\.h$")
+set(may_include_io "^(bzlib|fcntl|hdf5|lz4frame|poll|sqlite3|unistd|zstd)\\.h$")
 set(may_include_live "^(readerwriterqueue/(atomicops|readerwritercircularbuffer)\\.h|sched\\.h|sys/(resource|syscall)\\.h|unistd\\.h)$")
 set(may_include_opencv "^opencv2/[a-z0-9_/]+\\.hpp$")
 

@@ -4,7 +4,9 @@
 macro(evmarker_find_codec codec)
   set(evmarker_header_lz4 lz4frame.h)
   set(evmarker_header_zstd zstd.h)
+  set(evmarker_header_bz2 bzlib.h)
   set(evmarker_header_hdf5 hdf5.h)
+  set(evmarker_header_sqlite3 sqlite3.h)
   set(EVMARKER_${codec}_PACKAGE lib${codec}-dev)
   # Debian has HDF5 with and without MPI side by side.
   find_path(EVMARKER_${codec}_INCLUDE_DIR ${evmarker_header_${codec}} PATH_SUFFIXES hdf5/serial)

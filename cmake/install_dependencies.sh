@@ -7,7 +7,8 @@ packages=(
   libeigen3-dev                         # the core
   libopencv-dev libopencv-contrib-dev   # evmarker::opencv
   libreaderwriterqueue-dev              # evmarker::live
-  liblz4-dev libzstd-dev libhdf5-dev    # evmarker::lz4, evmarker::zstd, evmarker::hdf5: recordings
+  liblz4-dev libzstd-dev libbz2-dev     # evmarker::lz4, evmarker::zstd, evmarker::bz2: compressed recordings
+  libhdf5-dev libsqlite3-dev            # evmarker::hdf5, evmarker::sqlite3: recordings
   libcli11-dev                          # examples
   libopencv-highgui-dev libopencv-videoio-dev # examples: windows, videos
   libcairo2-dev pkg-config              # examples: print_board

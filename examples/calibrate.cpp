@@ -24,8 +24,8 @@
 #include "distinct_files.hpp"
 #include "image_difference.hpp"
 #include "interruption.hpp"
+#include "reader_options.hpp"
 #include "recording_checks.hpp"
-#include "text_options.hpp"
 
 using namespace evmarker;
 
@@ -36,12 +36,12 @@ constexpr int kUndetermined = 2;  // exit code
 struct Options {
   std::string recording, board, dictionary, output, model = "radtan", picture, truth;
   std::vector<int> size;
-  TextOptions text;
+  ReaderOptions reader;
   double largest_error_px = 1;
   bool free_pitch = false, quiet = false;
 
   void add_to(CLI::App& app) {
-    app.add_option("recording", recording, "of the moving board: Prophesee RAW or DAT, AEDAT, HDF5 or text")
+    app.add_option("recording", recording, "of the moving board: Prophesee RAW or DAT, AEDAT, ROS, HDF5 or text")
         ->required();
     app.add_option("--board", board, "the flat board, a YAML file")->required();
     app.add_option("--output", output, "calibration to write, as .yml, .xml or .json")->required();
@@ -61,7 +61,7 @@ struct Options {
         ->capture_default_str();
     app.add_flag("--free-pitch", free_pitch, "estimate the distances between the markers, too: of a print that shrank");
     app.add_option("--truth", truth, "a calibration to compare with");
-    text.add_to(app);
+    reader.add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes("2 the recording does not determine the camera, "));
   }
@@ -108,9 +108,9 @@ class Recording {
 
  private:
   io::EventReader open() const {
-    io::EventReaderOptions reader{.text_layout = options_.text.layout(), .stop = &interruption::requested};
-    if (!options_.size.empty()) reader.sensor_size = SensorSize{options_.size[0], options_.size[1]};
-    return io::EventReader(options_.recording, reader);
+    std::optional<SensorSize> size;
+    if (!options_.size.empty()) size = {options_.size[0], options_.size[1]};
+    return io::EventReader(options_.recording, options_.reader.options(size));
   }
 
   const Options& options_;

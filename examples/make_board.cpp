@@ -20,8 +20,8 @@
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "interruption.hpp"
+#include "reader_options.hpp"
 #include "recording_checks.hpp"
-#include "text_options.hpp"
 #include "timed_poses.hpp"
 
 using namespace evmarker;
@@ -34,13 +34,13 @@ struct Options {
   std::vector<int> ids;
   int board_id = 100;
   std::optional<int> origin;
-  TextOptions text;
+  ReaderOptions reader;
   bool quiet = false;
 
   void add_to(CLI::App& app) {
     app.add_option("recording", recording,
                    "the body, turned before the camera so that neighbouring markers are seen together: Prophesee RAW "
-                   "or DAT, AEDAT, HDF5 or text")
+                   "or DAT, AEDAT, ROS, HDF5 or text")
         ->required();
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--marker-length", marker_length, "side of the black squares [m]")
@@ -55,7 +55,7 @@ struct Options {
         ->check(CLI::Range(0, 1000000000))
         ->capture_default_str();
     app.add_option("--origin", origin, "the marker whose frame is the board's; default: the first of --ids");
-    text.add_to(app);
+    reader.add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes());
   }
@@ -77,7 +77,7 @@ struct Options {
 // Adds the poses of all markers a hundred times a second; returns for how long they were recorded [s].
 double track(const Options& o, const PinholeCamera& camera, const TrackerSettings<>& settings,
              BoardCalibrator& calibrator) {
-  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera, o.text.layout());
+  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera, o.reader);
   const opencv::ArucoDetector detector(camera,
                                        {.dictionary = o.dictionary, .marker_length = o.marker_length, .ids = o.ids});
   Tracker tracker(camera, detector, settings);

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "interruption.hpp"
+#include "reader_options.hpp"
 
 namespace recording_checks {
 
@@ -25,10 +26,9 @@ inline void require_size(evmarker::SensorSize recorded, const std::string& path,
 /// Opens a recording, which ends when the program is interrupted.
 /// @throws std::runtime_error where it cannot be read or its size is not that of the camera
 inline evmarker::io::EventReader open(const std::string& path, evmarker::SensorSize camera_size,
-                                      const std::string& camera_path, const evmarker::io::TextLayout& layout = {}) {
+                                      const std::string& camera_path, const ReaderOptions& options) {
   try {
-    evmarker::io::EventReader recording(
-        path, {.sensor_size = camera_size, .text_layout = layout, .stop = &interruption::requested});
+    evmarker::io::EventReader recording(path, options.options(camera_size));
     require_size(recording.sensor_size(), path, camera_size, camera_path);
     return recording;
   } catch (const evmarker::io::RecordingError&) {

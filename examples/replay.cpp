@@ -23,8 +23,8 @@
 #include "console.hpp"
 #include "interruption.hpp"
 #include "live_options.hpp"
+#include "reader_options.hpp"
 #include "recording_checks.hpp"
-#include "text_options.hpp"
 
 using namespace evmarker;
 
@@ -35,11 +35,11 @@ struct ReplayOptions : LiveOptions {
   int packet_us = 100;
   bool find_first = false;
   std::string triggers, delays;
-  TextOptions text;
+  ReaderOptions reader;
 
   void add_to(CLI::App& app) {
     LiveOptions::add_to(app);
-    text.add_to(app);
+    reader.add_to(app);
     app.add_option("--speed", speed, "how many times as fast as it was recorded")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -263,7 +263,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   const PinholeCamera camera = opencv::load_calibration(options.camera);
   auto detector = options.detector(camera);
   io::EventReader recording =
-      recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout());
+      recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.reader);
   Outputs outputs(options, columns);
   live::Pipeline pipeline(
       camera, detector,

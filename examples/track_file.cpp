@@ -15,8 +15,8 @@
 #include "console.hpp"
 #include "followed_body.hpp"
 #include "interruption.hpp"
+#include "reader_options.hpp"
 #include "recording_checks.hpp"
-#include "text_options.hpp"
 #include "timed_poses.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
@@ -30,11 +30,11 @@ struct TrackFileOptions : TrackOptions {
   std::string truth, wireframe;
   std::vector<double> start;
   ViewerOptions view;
-  TextOptions text;
+  ReaderOptions reader;
 
   void add_to(CLI::App& app) {
     TrackOptions::add_to(app);
-    text.add_to(app);
+    reader.add_to(app);
     auto* const body = app.add_option("--wireframe", wireframe, "body of straight edges to track alone, a YAML file");
     app.add_option("--start", start, "where the body is at first: tx,ty,tz,qx,qy,qz,qw, in place of the file's `start`")
         ->delimiter(',')
@@ -72,8 +72,7 @@ class Run {
   Run(const TrackFileOptions& options, const PinholeCamera& camera, io::PoseColumns columns)
       : options_(options),
         viewer_(camera, options.view),  // before there are other threads
-        recording_(
-            recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.text.layout())),
+        recording_(recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.reader)),
         truth_(options.truth.empty() ? std::nullopt : std::optional(io::GroundTruth::read(options.truth))),
         output_(options, options.track_one() || !options.wireframe.empty(), columns) {
     if (const auto interval = options.interval()) ticks_.emplace(*interval, std::chrono::seconds(1));

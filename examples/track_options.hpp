@@ -25,7 +25,7 @@ struct TrackOptions : PoseOutputOptions {
   bool quiet = false;
 
   void add_to(CLI::App& app) {
-    app.add_option("recording", recording, "Prophesee RAW or DAT, AEDAT, HDF5 or text (x, y, p and t in columns)")
+    app.add_option("recording", recording, "Prophesee RAW or DAT, AEDAT, ROS, HDF5 or text (x, y, p and t in columns)")
         ->required();
     app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")

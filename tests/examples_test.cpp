@@ -38,6 +38,7 @@
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
+#include "io/ros_bytes.hpp"
 #include "io/test_support.hpp"
 
 #ifdef EVMARKER_HAS_SCREEN
@@ -1291,6 +1292,35 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   const Result help = run(folder, "track_file --help");
   CHECK_MESSAGE(contains(help.out, "2 no marker or body was found"), help.out);
   CHECK_MESSAGE(contains(help.out, "130 or 143 interrupted"), help.out);
+}
+
+TEST_CASE("examples: of a ROS recording, the topic that is named gives the poses of the same events in RAW") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  evmarker::io::RawReader recording(folder / "recording.raw");
+  const auto events = drain(recording);
+  const std::string type = "event_camera_msgs/msg/EventPacket",
+                    channels = mcap_channel(1, "/left/events", type) + mcap_channel(2, "/right/events", type);
+  std::string ros = mcap_begin() + channels;
+  for (const std::string& message : event_messages(events, recording.sensor_size(), RosEvents::libcaer, true))
+    ros += mcap_message(1, message);
+  write_file(folder / "a.mcap", ros + mcap_end(ros.size(), channels));
+
+  const Result raw = run(folder, "track_file recording.raw" + kOptions + " --output raw.csv");
+  REQUIRE_MESSAGE(raw.code == 0, raw.err);
+  const Result left = run(folder, "track_file a.mcap --topic /left/events" + kOptions + " --output left.csv");
+  REQUIRE_MESSAGE(left.code == 0, left.err);
+  CHECK(read_file(folder / "left.csv") == read_file(folder / "raw.csv"));
+  for (const std::string& topic : {std::string(), std::string(" --topic /events")}) {
+    const Result other = run(folder, "track_file a.mcap" + topic + kOptions + " --output other.csv");
+    CHECK(other.code == 1);
+    CHECK_MESSAGE(
+        contains(other.err, "a.mcap: " + std::string(topic.empty() ? "several topics" : "topic is '/events'")),
+        other.err);
+    CHECK_MESSAGE(contains(other.err, "/left/events and /right/events"), other.err);
+    CHECK(std::count(other.err.begin(), other.err.end(), '\n') == 1);
+    CHECK(!std::filesystem::exists(folder / "other.csv"));
+  }
 }
 
 TEST_CASE("examples: times at both ends of their range are survived") {

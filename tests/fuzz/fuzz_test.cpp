@@ -73,6 +73,15 @@ TEST_CASE("fuzzed: HDF5 recordings") {
   MESSAGE("skipped: this build has no libhdf5");
 #endif
 }
+TEST_CASE("fuzzed: MCAP recordings") { run_target("mcap"); }
+TEST_CASE("fuzzed: rosbags") { run_target("rosbag"); }
+TEST_CASE("fuzzed: rosbags of ROS 2 in SQLite") {
+#ifdef EVMARKER_HAS_SQLITE3
+  run_target("rosbag2");
+#else
+  MESSAGE("skipped: this build has no libsqlite3");
+#endif
+}
 TEST_CASE("fuzzed: text recordings") { run_target("event_text"); }
 TEST_CASE("fuzzed: pose files") { run_target("pose_text"); }
 TEST_CASE("fuzzed: calibrations, boards, wireframes") { run_target("settings"); }

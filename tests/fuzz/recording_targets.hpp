@@ -135,23 +135,12 @@ inline std::string make_aedat3_part(Random& random) {
   }
 }
 
-inline std::vector<io::Aedat4Compression> built_compressions() {
-  std::vector<io::Aedat4Compression> compressions{io::Aedat4Compression::none};
-#ifdef EVMARKER_HAS_LZ4
-  compressions.push_back(io::Aedat4Compression::lz4);
-#endif
-#ifdef EVMARKER_HAS_ZSTD
-  compressions.push_back(io::Aedat4Compression::zstd);
-#endif
-  return compressions;
-}
-
 // The input as the content of a frame, of which for every other input one byte is garbled.
 inline void fuzz_decompressors(std::string_view input) {
   const std::size_t garbled = std::hash<std::string_view>()(input);
-  for (const auto compression : built_compressions()) {
-    const auto decompressor = io::detail::make_decompressor(compression, "fuzzed");
-    if (!decompressor) continue;
+  for (const auto compression : {io::Compression::lz4, io::Compression::zstd, io::Compression::bz2}) {
+    if (io::test::built_compressions({compression}).empty()) continue;
+    const auto decompressor = io::make_decompressor(compression, "packets", "fuzzed");
     std::string frame = io::test::compress(std::string(input), compression);
     if (garbled % 2 == 1) frame[garbled / 2 % frame.size()] ^= static_cast<char>(1U << garbled / 2 % 8);
     try {
@@ -170,7 +159,7 @@ inline std::vector<std::string> aedat4_seeds() {
 }
 
 inline std::string make_aedat4_part(Random& random) {
-  const auto compressions = built_compressions();
+  const auto compressions = io::test::built_compressions();
   const auto compression = compressions[below(random, compressions.size())];
   const std::uint64_t any = random.bits() >> below(random, 64);
   switch (below(random, 4)) {

@@ -7,6 +7,7 @@
 #include "fuzz/evt_targets.hpp"
 #include "fuzz/pipeline_target.hpp"
 #include "fuzz/recording_targets.hpp"
+#include "fuzz/ros_targets.hpp"
 #include "fuzz/text_targets.hpp"
 #include "fuzz/tracking_targets.hpp"
 
@@ -14,7 +15,8 @@ namespace evmarker::fuzz {
 
 inline std::vector<Target> all_targets() {
   std::vector<Target> targets;
-  for (auto* const make : {evt_targets, recording_targets, text_targets, tracking_targets, pipeline_targets})
+  for (auto* const make :
+       {evt_targets, recording_targets, ros_targets, text_targets, tracking_targets, pipeline_targets})
     for (Target& target : make()) targets.push_back(std::move(target));
   return targets;
 }

@@ -8,6 +8,7 @@
 #include "evmarker/io/csv_writer.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "io/recording_bytes.hpp"
+#include "io/ros_bytes.hpp"
 #include "io/test_support.hpp"
 
 using namespace evmarker;
@@ -27,10 +28,13 @@ TEST_CASE("EventReader: the same events from every kind, whatever the file name"
   write_file(folder / "f", make_aedat2(events, {640, 480}));
   write_file(folder / "g", make_aedat3(events, {640, 480}));
   write_file(folder / "h", make_aedat4(events, {640, 480}));
+  write_file(folder / "i", make_mcap(events, {640, 480}, RosEvents::evt3));
+  write_file(folder / "j", make_rosbag(events, {640, 480}, RosEvents::array));
   for (const auto& [name, kind] : {std::pair{"a.raw", RecordingKind::raw}, std::pair{"b", RecordingKind::raw},
                                    std::pair{"c.csv", RecordingKind::text}, std::pair{"d.TXT", RecordingKind::text},
                                    std::pair{"e.bin", RecordingKind::dat}, std::pair{"f", RecordingKind::aedat2},
-                                   std::pair{"g", RecordingKind::aedat3}, std::pair{"h", RecordingKind::aedat4}}) {
+                                   std::pair{"g", RecordingKind::aedat3}, std::pair{"h", RecordingKind::aedat4},
+                                   std::pair{"i", RecordingKind::mcap}, std::pair{"j", RecordingKind::rosbag}}) {
     EventReader reader(folder / name);
     CHECK(reader.kind() == kind);
     CHECK(reader.sensor_size() == SensorSize{640, 480});
@@ -53,7 +57,9 @@ TEST_CASE("EventReader: a FIFO yields the events of the file, long and short") {
     write_file(folder / "aedat2", make_aedat2(events, {640, 480}));
     write_file(folder / "aedat3", make_aedat3(events, {640, 480}));
     write_file(folder / "aedat4", make_aedat4(events, {640, 480}));
-    for (const char* name : {"evt2", "evt3", "text", "dat", "aedat2", "aedat3", "aedat4"}) {
+    write_file(folder / "mcap", make_mcap(events, {640, 480}, RosEvents::libcaer));
+    write_file(folder / "rosbag", make_rosbag(events, {640, 480}, RosEvents::mono));
+    for (const char* name : {"evt2", "evt3", "text", "dat", "aedat2", "aedat3", "aedat4", "mcap", "rosbag"}) {
       CAPTURE(name);
       CAPTURE(count);
       const auto path = folder / "fifo";
@@ -97,6 +103,8 @@ TEST_CASE("EventReader: options reach the reader") {
   CHECK(drain(reader) == std::vector<Event>{{5, 6, 1, 100}});
   EventReader raw(write_file(folder / "b.raw", "% evt 2.0\n% end\n"), {.sensor_size = SensorSize{64, 48}});
   CHECK(raw.sensor_size() == SensorSize{64, 48});
+  write_file(folder / "c", make_mcap({}, {64, 48}, RosEvents::array));
+  CHECK(contains(error_of([&] { EventReader ros(folder / "c", {.topic = "/left"}); }), "topic is '/left', of which"));
 }
 
 TEST_CASE("EventReader: unsupported kinds are reported by name, by content or extension") {
@@ -104,10 +112,11 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
   const TemporaryFolder folder;
   CHECK(refuses<EventReader>(folder / "a.dat", "\x01\x02", "not a DAT recording"));
   CHECK(refuses<EventReader>(folder / "a", "#!AER-DAT1.0\r\n", "other AEDAT recordings are not supported"));
-  CHECK(refuses<EventReader>(folder / "a", "#ROSBAG V2.0\n", "rosbag"));
+  CHECK(refuses<EventReader>(folder / "a", "#ROSBAG V1.2\n", "other rosbag recordings are not"));
   CHECK(refuses<EventReader>(folder / "a.BAG", "\x01\x02", "rosbag"));
   CHECK(refuses<EventReader>(folder / "a.mp4", "\x01\x02",
-                             "Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), DAT, AEDAT 2, 3.1 and 4, HDF5, text"));
+                             "Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), DAT, AEDAT 2, 3.1 and 4, HDF5, "
+                             "ROS (rosbag, MCAP, SQLite), text"));
   CHECK(refuses<EventReader>(folder / "a.raw", "\x01\x02", "not a Prophesee RAW recording"));
   CHECK(refuses<EventReader>(folder / "a.csv", "", "a.csv: the file is empty"));
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
@@ -138,6 +147,9 @@ TEST_CASE("EventReader: real recordings of every kind are recognised by their co
         Real{"formats/ncars.dat", RecordingKind::dat, {64, 64}, 4407},
         Real{"formats/translating_square.aedat", RecordingKind::aedat2, {240, 180}, 16000},
         Real{"formats/davis_lz4.aedat4", RecordingKind::aedat4, {320, 240}, 111954},
+        Real{"formats/tags.mcap", RecordingKind::mcap, {346, 260}, 571266},
+        Real{"formats/events_1.bag", RecordingKind::rosbag, {640, 480}, 343474},
+        Real{"formats/libcaer_rollover.db3", RecordingKind::rosbag2, {640, 480}, 334331},
         Real{"formats/plain_events.hdf5", RecordingKind::hdf5, {346, 260}, 17}}) {
     CAPTURE(name);
     const auto path = real_recording(name);

@@ -1,5 +1,8 @@
 #pragma once
 // Recordings in the formats that the library reads but does not write, by the descriptions of these formats.
+#ifdef EVMARKER_HAS_BZ2
+#include <bzlib.h>
+#endif
 #ifdef EVMARKER_HAS_LZ4
 #include <lz4frame.h>
 #endif
@@ -13,10 +16,12 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/aedat4_header.hpp"
+#include "evmarker/io/compression.hpp"
 
 namespace evmarker::io::test {
 
@@ -158,27 +163,47 @@ inline std::string aedat4_packet(int stream, const std::string& content) {
   return little(static_cast<std::uint64_t>(stream), 4) + little(content.size(), 4) + content;
 }
 
-inline std::string compress(const std::string& content, Aedat4Compression compression) {
+/// The compressions of a format, as AEDAT 4's and MCAP's, that this build has.
+inline std::vector<Compression> built_compressions(std::vector<Compression> compressions = {
+                                                       Compression::none, Compression::lz4, Compression::zstd}) {
+  std::erase_if(compressions, [](Compression compression) {
+    return compression != Compression::none && !detail::find_decompressor(compression);
+  });
+  return compressions;
+}
+
+inline const std::vector<Compression> kRosbagCompressions{Compression::none, Compression::lz4, Compression::bz2};
+
+inline std::string compress(const std::string& content, Compression compression) {
   std::string frame(2 * content.size() + 1000, '\0');
 #ifdef EVMARKER_HAS_LZ4
-  if (compression == Aedat4Compression::lz4) {
+  if (compression == Compression::lz4) {
     frame.resize(LZ4F_compressFrame(frame.data(), frame.size(), content.data(), content.size(), nullptr));
     return frame;
   }
 #endif
 #ifdef EVMARKER_HAS_ZSTD
-  if (compression == Aedat4Compression::zstd) {
+  if (compression == Compression::zstd) {
     frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 1));
     return frame;
   }
 #endif
-  if (compression != Aedat4Compression::none) throw std::logic_error("the tests are built without this compression");
+#ifdef EVMARKER_HAS_BZ2
+  if (compression == Compression::bz2) {
+    auto bytes = static_cast<unsigned>(frame.size());
+    BZ2_bzBuffToBuffCompress(frame.data(), &bytes, const_cast<char*>(content.data()),
+                             static_cast<unsigned>(content.size()), 1, 0, 0);
+    frame.resize(bytes);
+    return frame;
+  }
+#endif
+  if (compression != Compression::none) throw std::logic_error("the tests are built without this compression");
   return content;
 }
 
 /// An AEDAT 4 recording in packets of up to 1000 events, with packets of other streams between them, and an index.
 inline std::string make_aedat4(std::span<const Event> events, SensorSize size,
-                               Aedat4Compression compression = Aedat4Compression::none) {
+                               Compression compression = Compression::none) {
   std::string packets;
   for (; !events.empty(); events = events.subspan(std::min<std::size_t>(1000, events.size()))) {
     const Event other{1, 2, 1, events[0].t};
@@ -186,7 +211,7 @@ inline std::string make_aedat4(std::span<const Event> events, SensorSize size,
         1, compress(aedat4_events(events.first(std::min<std::size_t>(1000, events.size()))), compression));
     packets += aedat4_packet(2, compress(aedat4_events({&other, 1}), compression)) + aedat4_packet(0, "no frame");
   }
-  const int number = compression == Aedat4Compression::none ? 0 : compression == Aedat4Compression::lz4 ? 1 : 3;
+  const int number = compression == Compression::none ? 0 : compression == Compression::lz4 ? 1 : 3;
   const std::string streams = aedat4_streams(size);
   const std::size_t begin = aedat4_header(number, 0, streams).size();
   return aedat4_header(number, static_cast<std::int64_t>(begin + packets.size()), streams) + packets + "index";

@@ -10,12 +10,11 @@
 #include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/io/compression.hpp"
 #include "evmarker/io/flatbuffer.hpp"
 #include "evmarker/io/header_lines.hpp"
 
 namespace evmarker::io {
-
-enum class Aedat4Compression { none, lz4, zstd };
 
 struct Aedat4Stream {
   int id = 0;
@@ -24,7 +23,7 @@ struct Aedat4Stream {
 };
 
 struct Aedat4Header {
-  Aedat4Compression compression = Aedat4Compression::none;
+  Compression compression = Compression::none;
   std::int64_t end_of_packets = -1;  ///< position in the file [bytes]; -1 where it is unknown
   std::vector<Aedat4Stream> streams;
 };
@@ -77,9 +76,7 @@ inline Aedat4Header parse_aedat4_header(std::span<const std::byte> flatbuffer) {
   if (compression < 0 || compression > 4)
     throw std::runtime_error("compression is " + std::to_string(compression) +
                              ", which is not supported (0, none, 1 and 2, LZ4, and 3 and 4, ZSTD, are)");
-  header.compression = compression == 0   ? Aedat4Compression::none
-                       : compression <= 2 ? Aedat4Compression::lz4
-                                          : Aedat4Compression::zstd;
+  header.compression = compression == 0 ? Compression::none : compression <= 2 ? Compression::lz4 : Compression::zstd;
   header.end_of_packets = table.number<std::int64_t>(1, -1);
   header.streams = detail::read_streams(table.text(2));
   return header;

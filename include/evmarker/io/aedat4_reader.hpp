@@ -11,38 +11,19 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/io/aedat4_header.hpp"
 #include "evmarker/io/block_reader.hpp"
+#include "evmarker/io/compression.hpp"
 #include "evmarker/io/decompression.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/flatbuffer.hpp"
-#include "evmarker/io/lz4_decompressor.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/streaming_reader.hpp"
-#include "evmarker/io/zstd_decompressor.hpp"
 
 namespace evmarker::io {
-
-namespace detail {
-
-/// What decompresses the packets of a recording; nothing where they are not compressed.
-/// @throws RecordingError where this build cannot decompress them
-inline std::unique_ptr<Decompressor> make_decompressor(Aedat4Compression compression,
-                                                       const std::filesystem::path& path) {
-  if (compression == Aedat4Compression::none) return nullptr;
-  const bool lz4 = compression == Aedat4Compression::lz4;
-  if (auto decompressor = lz4 ? make_lz4_decompressor() : make_zstd_decompressor()) return decompressor;
-  const std::string library = lz4 ? "lz4" : "zstd";
-  throw RecordingError(path, "its packets are compressed by " + std::string(lz4 ? "LZ4" : "ZSTD") +
-                                 ", which this build leaves out: install lib" + library +
-                                 "-dev and build with evmarker's component " + library);
-}
-
-}  // namespace detail
 
 /// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events the first in
 /// the header is read; packets of other streams, of frames, measurements and triggers, are passed over.
@@ -66,25 +47,12 @@ class Aedat4Reader final : public StreamingReader {
       throw RecordingError(bytes_.path(), "header: no stream of events (typeIdentifier EVTS) in it");
     stream_ = events->id;
     if (header.end_of_packets >= 0) end_of_packets_ = static_cast<std::uint64_t>(header.end_of_packets);
-    decompressor_ = detail::make_decompressor(header.compression, bytes_.path());
+    decompressor_ = make_decompressor(header.compression, "packets", bytes_.path());
     collector_.set_sensor_size(choose_sensor_size(events->size, options, 1 << 15, "AEDAT 4", bytes_.path()));
   }
 
  private:
   static constexpr std::size_t kPacketHeaderBytes = 8, kEventBytes = 16;
-
-  // Reads what is no longer than a limit, so that a garbled length takes no memory; false where the file ends before.
-  bool read_whole(std::uint64_t bytes, const char* what) {
-    if (bytes > Decompressor::kMaxBytes)
-      throw RecordingError(bytes_.path(),
-                           std::string(what) + " of " + std::to_string(bytes) + " bytes, of which at most " +
-                               std::to_string(Decompressor::kMaxBytes) + " are read: garbled?",
-                           bytes_.position());
-    packet_.clear();
-    const std::uint64_t read = bytes_.pass(
-        bytes, [&](std::span<const std::byte> piece) { packet_.insert(packet_.end(), piece.begin(), piece.end()); });
-    return read == bytes;
-  }
 
   Aedat4Header read_header() {
     const auto size = bytes_.ahead(4);
@@ -116,7 +84,7 @@ class Aedat4Reader final : public StreamingReader {
   // Reads a packet, or passes over that of another stream; false at the end of the packets.
   bool read_packet() {
     if (bytes_.position() >= end_of_packets_) {  // what is left is an index, which a pipe delivers all the same
-      bytes_.pass(~std::uint64_t{0}, [](std::span<const std::byte>) {});
+      pass_whole(~std::uint64_t{0});
       return false;
     }
     const auto header = bytes_.ahead(kPacketHeaderBytes);
@@ -129,8 +97,7 @@ class Aedat4Reader final : public StreamingReader {
                            begin);
     bytes_.skip(kPacketHeaderBytes);
     const auto bytes = static_cast<std::uint64_t>(length);
-    const bool whole = stream == stream_ ? read_whole(bytes, "packet")
-                                         : bytes_.pass(bytes, [](std::span<const std::byte>) {}) == bytes;
+    const bool whole = stream == stream_ ? read_whole(bytes, "packet") : pass_whole(bytes);
     if (!whole) {
       collector_.statistics.truncated_bytes += bytes_.position() - begin;
       return false;
@@ -153,8 +120,7 @@ class Aedat4Reader final : public StreamingReader {
   int stream_ = 0;
   std::uint64_t end_of_packets_ = ~std::uint64_t{0};
   std::unique_ptr<Decompressor> decompressor_;  // none where packets are not compressed
-  std::vector<std::byte> packet_;
-  std::span<const std::byte> events_;  // of the packet that are not delivered yet
+  std::span<const std::byte> events_;           // of the packet that are not delivered yet
 };
 
 }  // namespace evmarker::io

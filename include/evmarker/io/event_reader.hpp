@@ -22,10 +22,13 @@
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
 #include "evmarker/io/hdf5_reader.hpp"
+#include "evmarker/io/mcap_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/rosbag2_reader.hpp"
+#include "evmarker/io/rosbag_reader.hpp"
 
 namespace evmarker::io {
 
@@ -34,12 +37,14 @@ struct EventReaderOptions {
   std::optional<SensorSize> sensor_size = std::nullopt;
   /// True to subtract the time of the first event (in RAW, event or trigger) from all.
   bool shift_first_time_to_zero = false;
+  /// Of a ROS recording, the topic whose events are read; empty for the only one that has events.
+  std::string topic = {};
   TextLayout text_layout = {};  ///< its unit of time is also that of HDF5 that names none
   /// Read while the reader lives, by another thread: once it is true, the recording ends, also while a pipe is silent.
   const std::atomic<bool>* stop = nullptr;
 };
 
-enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5 };
+enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5, mcap, rosbag, rosbag2 };
 
 namespace detail {
 
@@ -47,11 +52,9 @@ struct UnsupportedKind {
   std::string_view name, magic, extensions;  // each extension between blanks
 };
 
-inline constexpr std::array<UnsupportedKind, 6> kUnsupportedKinds{{
+inline constexpr std::array<UnsupportedKind, 4> kUnsupportedKinds{{
     {"other AEDAT", "#!AER-DAT", " .aedat .aedat4 "},
-    {"rosbag", "#ROSBAG V", " .bag "},
-    {"rosbag (MCAP)", "\x89MCAP0\r\n", " .mcap "},
-    {"rosbag (SQLite)", "SQLite format 3", " .db3 "},
+    {"other rosbag", "#ROSBAG V", " .bag "},
     {"NumPy", "\x93NUMPY", " .npy .npz "},
     {"ZIP archive", "PK\x03\x04", " .zip "},
 }};
@@ -73,7 +76,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
                     " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
-                    "DAT, AEDAT 2, 3.1 and 4, HDF5, text (x,y,p,t or t x y p)"};
+                    "DAT, AEDAT 2, 3.1 and 4, HDF5, ROS (rosbag, MCAP, SQLite), text (x,y,p,t or t x y p)"};
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
@@ -108,6 +111,9 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   if (head.starts_with("#!AER-DAT2.0")) return RecordingKind::aedat2;
   if (head.starts_with("#!AER-DAT3.1")) return RecordingKind::aedat3;
   if (head.starts_with("#!AER-DAT4.0")) return RecordingKind::aedat4;
+  if (head.starts_with("\x89MCAP0\r\n")) return RecordingKind::mcap;
+  if (head.starts_with("#ROSBAG V2.0\n")) return RecordingKind::rosbag;
+  if (head.starts_with("SQLite format 3")) return RecordingKind::rosbag2;
   if (head.starts_with("\x89HDF\r\n\x1a\n")) return RecordingKind::hdf5;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
@@ -153,7 +159,7 @@ class EventReader {
  private:
   static std::unique_ptr<RecordingReader> open(RecordingKind kind, BlockReader blocks,
                                                const EventReaderOptions& options) {
-    const RecordingOptions common{options.sensor_size, options.shift_first_time_to_zero};
+    const RecordingOptions common{options.sensor_size, options.shift_first_time_to_zero, options.topic};
     switch (kind) {
       case RecordingKind::raw: return std::make_unique<RawReader>(std::move(blocks), common);
       case RecordingKind::dat: return std::make_unique<DatReader>(std::move(blocks), common);
@@ -162,6 +168,9 @@ class EventReader {
       case RecordingKind::aedat4: return std::make_unique<Aedat4Reader>(std::move(blocks), common);
       case RecordingKind::hdf5:
         return open_hdf5(blocks.path(), {{common}, options.text_layout.time_unit, options.stop});
+      case RecordingKind::mcap: return std::make_unique<McapReader>(std::move(blocks), common);
+      case RecordingKind::rosbag: return std::make_unique<RosbagReader>(std::move(blocks), common);
+      case RecordingKind::rosbag2: return open_rosbag2(blocks.path(), {{common}, options.stop});
       case RecordingKind::text: break;
     }
     return std::make_unique<CsvReader>(

@@ -1,5 +1,6 @@
 #pragma once
 // The error of all readers and writers, with file, position and reason.
+#include <concepts>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -30,5 +31,19 @@ class RecordingError : public std::runtime_error {
   std::string reason_;
   std::optional<std::uint64_t> byte_offset_;
 };
+
+/// What `read()` returns; of what it throws, a RecordingError that names the file, the part and its position.
+/// @param part its name in errors, like `chunk`
+template <std::invocable Read>
+auto read_part(const std::filesystem::path& path, const char* part, std::optional<std::uint64_t> byte_offset,
+               const Read& read) {
+  try {
+    return read();
+  } catch (const RecordingError&) {
+    throw;
+  } catch (const std::runtime_error& error) {
+    throw RecordingError(path, std::string(part) + ": " + error.what(), byte_offset);
+  }
+}
 
 }  // namespace evmarker::io

@@ -18,6 +18,8 @@ struct RecordingOptions {
   std::optional<SensorSize> sensor_size = std::nullopt;
   /// True to subtract the time of the first event or trigger from all, which is OpenEB's default.
   bool shift_first_time_to_zero = false;
+  /// Of a ROS recording, the topic whose events are read; empty for the only one that has events.
+  std::string topic = {};
 };
 
 /// Reads a recording of any length in constant memory; an `EventSource`. A recording that was cut off yields all that

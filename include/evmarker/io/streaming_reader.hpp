@@ -4,11 +4,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/byte_stream.hpp"
 #include "evmarker/io/collecting_reader.hpp"
+#include "evmarker/io/decompression.hpp"
+#include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 
 namespace evmarker::io {
@@ -30,6 +34,25 @@ class StreamingReader : public CollectingReader {
     return ahead.first(std::min({most, kPieceEvents, ahead.size() / bytes_each}) * bytes_each);
   }
 
+  /// Reads a part into `packet_`, if it is no longer than a limit, so that a garbled length takes no memory; false
+  /// where the file ends before its end.
+  /// @param what its name in errors
+  bool read_whole(std::uint64_t bytes, const char* what) {
+    if (bytes > Decompressor::kMaxBytes)
+      throw RecordingError(bytes_.path(),
+                           std::string(what) + " of " + std::to_string(bytes) + " bytes, of which at most " +
+                               std::to_string(Decompressor::kMaxBytes) + " are read: garbled?",
+                           bytes_.position());
+    packet_.clear();
+    const std::uint64_t read = bytes_.pass(
+        bytes, [&](std::span<const std::byte> piece) { packet_.insert(packet_.end(), piece.begin(), piece.end()); });
+    return read == bytes;
+  }
+  /// Passes over a part; false where the file ends before its end.
+  bool pass_whole(std::uint64_t bytes) {
+    return bytes_.pass(bytes, [](std::span<const std::byte>) {}) == bytes;
+  }
+
   /// Counts what is left behind the last whole record; false, as there is no further piece.
   bool end() {
     collector_.statistics.truncated_bytes += bytes_.skip_rest();
@@ -37,6 +60,7 @@ class StreamingReader : public CollectingReader {
   }
 
   ByteStream bytes_;
+  std::vector<std::byte> packet_;  // what was read whole
 };
 
 }  // namespace evmarker::io

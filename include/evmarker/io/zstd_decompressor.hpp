@@ -19,6 +19,8 @@ class ZstdDecompressor final : public Decompressor {
  public:
   ZstdDecompressor() : context_(ZSTD_createDCtx()) {
     if (!context_) throw std::bad_alloc();
+    constexpr int most_log2 = 26;  // a window as large as what is decompressed: it is memory, too
+    ZSTD_DCtx_setParameter(context_.get(), ZSTD_d_windowLogMax, most_log2);
   }
 
  private:
