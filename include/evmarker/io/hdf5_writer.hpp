@@ -1,5 +1,9 @@
 #pragma once
 // Writes events as HDF5, where the build has libhdf5: with the component `hdf5`.
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -36,6 +40,7 @@ class Hdf5Writer final : public RecordingWriter {
     const Hdf5Silence silence;
     file_ = Hdf5Handle(H5Fcreate(part_of(path).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
     if (!file_) throw failure("cannot create");
+    reserve_space();
     add_number("width", size.width);
     add_number("height", size.height);
     const Hdf5Handle group(H5Gcreate2(file_.get(), "events", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
@@ -72,6 +77,7 @@ class Hdf5Writer final : public RecordingWriter {
     {
       const Hdf5Silence silence;
       if (H5Fflush(file_.get(), H5F_SCOPE_GLOBAL) < 0) throw failure("cannot write");
+      release_space();
       close_handles();
     }
     output_.close();
@@ -82,8 +88,8 @@ class Hdf5Writer final : public RecordingWriter {
   std::uint64_t events_written() const noexcept override { return events_written_; }
 
  private:
-  static constexpr hsize_t kChunkRows = hsize_t{1} << 16;  // half a megabyte of times: libhdf5's cache holds two
-  static constexpr H5Z_filter_t kZstd = 32015;             // as registered with The HDF Group
+  static constexpr hsize_t kChunkRows = hsize_t{1} << 16;
+  static constexpr H5Z_filter_t kZstd = 32015;  // as registered with The HDF Group
 
   template <typename T>
   struct Column {
@@ -120,7 +126,9 @@ class Hdf5Writer final : public RecordingWriter {
     constexpr unsigned gzip_level = 4, zstd_level = 3;  // their defaults
     if (compression == Hdf5Compression::gzip) H5Pset_deflate(creation.get(), gzip_level);
     if (compression == Hdf5Compression::zstd) H5Pset_filter(creation.get(), kZstd, H5Z_FLAG_MANDATORY, 1, &zstd_level);
-    Hdf5Handle dataset(H5Dcreate2(file_.get(), path, type, space.get(), H5P_DEFAULT, creation.get(), H5P_DEFAULT),
+    const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+    H5Pset_chunk_cache(access.get(), 0, 0, 0);  // chunks are written whole, and at once, see reserve_space
+    Hdf5Handle dataset(H5Dcreate2(file_.get(), path, type, space.get(), H5P_DEFAULT, creation.get(), access.get()),
                        H5Dclose);
     if (!dataset) throw failure("cannot create");
     return dataset;
@@ -140,8 +148,31 @@ class Hdf5Writer final : public RecordingWriter {
     if (H5Awrite(attribute.get(), type.get(), text.data()) < 0) throw failure("cannot write");
   }
 
+  // libhdf5 crashes, when the program ends, by a file that it could not write to the end: it is given the space before.
+  void reserve_space() const {
+    constexpr off_t columns = kChunkRows * (2 + 2 + 1 + 8), index = 1 << 20;  // [bytes] of a chunk each, at most
+    if (const int error = ::posix_fallocate(descriptor(), bytes_until_now(), columns + index))
+      throw RecordingError(output_.path(), "cannot write: " + std::generic_category().message(error));
+  }
+  void release_space() const {
+    if (::ftruncate(descriptor(), bytes_until_now()) != 0)
+      throw RecordingError(output_.path(), "cannot write: " + std::generic_category().message(errno));
+  }
+  off_t bytes_until_now() const {
+    hsize_t bytes = 0;
+    if (H5Fget_filesize(file_.get(), &bytes) < 0) throw failure("cannot write");
+    return static_cast<off_t>(bytes);
+  }
+  int descriptor() const {
+    void* descriptor = nullptr;
+    if (H5Fget_vfd_handle(file_.get(), H5P_DEFAULT, &descriptor) < 0) throw failure("cannot write");
+    return *static_cast<int*>(descriptor);
+  }
+
   void flush() {
     const Hdf5Silence silence;
+    if (t_.rows.empty()) return;
+    reserve_space();
     const hsize_t count = t_.rows.size();
     append(x_, H5T_NATIVE_UINT16);
     append(y_, H5T_NATIVE_UINT16);
@@ -152,7 +183,6 @@ class Hdf5Writer final : public RecordingWriter {
 
   template <typename T>
   void append(Column<T>& column, hid_t number) {
-    if (column.rows.empty()) return;
     const hsize_t count = column.rows.size(), sum = rows_in_file_ + count;
     const hid_t dataset = column.dataset.get();
     if (H5Dset_extent(dataset, &sum) < 0) throw failure("cannot write");
