@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "console.hpp"
 #include "recording_checks.hpp"
 
 struct ExcerptOptions {
@@ -23,7 +24,7 @@ struct ExcerptOptions {
   bool shift_time = false, shift_region = false;
 
   void add_to(CLI::App& app) {
-    const auto time = CLI::Range(0.0, 1e12);
+    const CLI::Validator time = console::non_negative_number();
     app.add_option("--from", from_s, "leave out what is earlier, counted from the recording's first event [s]")
         ->check(time);
     app.add_option("--to", to_s, "leave out what is at this time or later, counted likewise [s]")->check(time);

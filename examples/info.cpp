@@ -59,11 +59,15 @@ class PixelFaults {
       return;
     }
     filter_.accept(event);
+    ++not_hot_;
     if (event.t >= next_sample_ || event.t < next_sample_ - kSample_us) {
       noise_.push_back(filter_.background_hz_per_px());
       next_sample_ = later(event.t, std::chrono::microseconds(kSample_us));
     }
   }
+
+  /// True if there were enough events to measure the noise by.
+  bool knows_noise(double seconds) const { return not_hot_ >= 1000 && seconds >= 0.05; }
 
   /// Noise events of the whole sensor [1/s], in the quietest tenth of the recording: edges may hide the noise
   /// elsewhere.
@@ -75,7 +79,7 @@ class PixelFaults {
 
   void print(double seconds) const {
     constexpr std::size_t kMostNamed = 5;
-    std::printf("noise      %.2g events per second and pixel\n", median(noise_));
+    if (knows_noise(seconds)) std::printf("noise      %.2g events per second and pixel\n", median(noise_));
     std::vector<std::pair<std::uint64_t, std::size_t>> hot;
     for (std::size_t i = 0; i < is_hot_.size(); ++i)
       if (is_hot_[i]) hot.emplace_back(events_[i], i);
@@ -105,7 +109,7 @@ class PixelFaults {
   std::vector<bool> is_hot_;
   std::vector<double> noise_;  // [Hz/px], every 10 ms
   Timestamp next_sample_ = 0;
-  std::uint64_t added_ = 0;
+  std::uint64_t added_ = 0, not_hot_ = 0;
 };
 
 class Profile {
@@ -156,17 +160,20 @@ class Profile {
   void print_times() const {
     const auto seconds = [](Timestamp t) { return 1e-6 * static_cast<double>(t); };
     std::printf("time       %.6f s to %.6f s: %.2f s\n", seconds(begin_), seconds(end_), recorded_s());
-    std::printf("rate       %s mean, %s peak (in 10 ms)\n",
-                RateCurve::text(static_cast<double>(events_) / recorded_s()).c_str(),
-                RateCurve::text(rate_.peak_hz()).c_str());
+    std::printf("rate       %s mean", RateCurve::text(static_cast<double>(events_) / recorded_s()).c_str());
+    if (recorded_s() >= 1e-6 * RateCurve::kWindow_us)
+      std::printf(", %s peak (in 10 ms)", RateCurve::text(rate_.peak_hz()).c_str());
+    std::puts("");
     rate_.print();
-    constexpr double kEnough = 20;  // noise events that did not come: by chance, in 2 of 10^9 such times
-    const double gap_us = 1e6 * kEnough / pixels_.least_noise_hz();
-    std::printf("gaps       longest %.3f ms, after %.6f s; %" PRIu64
-                " of more than %.3g ms, in which %.0f noise events "
-                "were due\n",
-                1e-3 * static_cast<double>(gaps_.longest_us()), seconds(gaps_.longest_from()), gaps_.count_from(gap_us),
-                1e-3 * gap_us, kEnough);
+    std::printf("gaps       longest %.3f ms, after %.6f s", 1e-3 * static_cast<double>(gaps_.longest_us()),
+                seconds(gaps_.longest_from()));
+    if (pixels_.knows_noise(recorded_s())) {
+      constexpr double kEnough = 20;  // noise events that did not come: by chance, in 2 of 10^9 such times
+      const double gap_us = 1e6 * kEnough / pixels_.least_noise_hz();
+      std::printf("; %" PRIu64 " of more than %.3g ms, in which %.0f noise events were due", gaps_.count_from(gap_us),
+                  1e-3 * gap_us, kEnough);
+    }
+    std::puts("");
     pixels_.print(recorded_s());
   }
 

@@ -18,6 +18,7 @@ struct InputOptions {
                    "sensor of a recording that does not state it, as text and HDF5 may not: 640,480 [px]")
         ->delimiter(',')
         ->expected(2)
+        ->allow_extra_args(false)  // which would be recordings
         ->check(CLI::Range(1, 65536));
     text.add_to(app);
   }

@@ -8,14 +8,18 @@
 #include <cstdio>
 #include <evmarker/events/event.hpp>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 /// Counts events in bins of equal width, at most a few thousand, whatever the length of the recording: where there
 /// would be more, two bins become one.
 class RateCurve {
  public:
+  static constexpr evmarker::Timestamp kWindow_us = 10000;  ///< of the peak
+
   void add(evmarker::Timestamp t) {
     add_to_window(t);
     if (const evmarker::Timestamp bin = t >> shift_; bins_.empty() || bin != bin_) {
@@ -26,7 +30,7 @@ class RateCurve {
     ++*count_;
   }
 
-  /// Highest rate in a window of 10 ms [1/s].
+  /// Highest rate in a window [1/s].
   double peak_hz() const { return 1e6 / kWindow_us * static_cast<double>(most_in_window_); }
 
   /// Prints the rate over time, up to 78 characters wide; nothing where all events are in one microsecond.
@@ -36,7 +40,7 @@ class RateCurve {
     const double top = *std::ranges::max_element(rates);
     for (int row = kRows; row > 0; --row) {
       std::string line;
-      for (const double rate : rates) line += mark(rate / top * kRows - (row - 1));
+      for (const double rate : rates) line += mark(rate / top, row);
       line.erase(line.find_last_not_of(' ') + 1);
       std::printf("%9s |%s\n", row == kRows ? text(top).c_str() : "", line.c_str());
     }
@@ -69,8 +73,6 @@ class RateCurve {
   static constexpr std::uint64_t kMostBins = 4096;
   static constexpr std::size_t kColumns = 66;
   static constexpr int kRows = 8;
-  static constexpr evmarker::Timestamp kWindow_us = 10000;
-
   // Events that are a little out of order count in the window that has begun.
   void add_to_window(evmarker::Timestamp t) {
     const evmarker::Timestamp window = t / kWindow_us;
@@ -95,7 +97,10 @@ class RateCurve {
   std::vector<double> columns() const {
     if (bins_.size() < 2) return {};
     const std::size_t count = evmarker::elapsed_us(bins_.begin()->first, bins_.rbegin()->first) + 1;
-    std::vector<double> rates(std::min(count, kColumns));
+    std::uint64_t sum = 0;
+    for (const auto& [bin, events] : bins_) sum += events;
+    constexpr std::uint64_t few = 8;  // in a column, whose height would be chance
+    std::vector<double> rates(std::min({count, kColumns, static_cast<std::size_t>(sum / few + 1)}));
     const auto first_of = [&](std::size_t column) { return (column * count + rates.size() - 1) / rates.size(); };
     for (const auto& [bin, events] : bins_)
       rates[evmarker::elapsed_us(bins_.begin()->first, bin) * rates.size() / count] += static_cast<double>(events);
@@ -104,8 +109,12 @@ class RateCurve {
     return rates;
   }
 
-  // What fills a cell: none of it, some, half or all.
-  static char mark(double share) { return share >= 1 ? '#' : share >= 0.5 ? ':' : share > 0 ? '.' : ' '; }
+  // A cell is full, half full or empty; a bottom that is nearly empty has a dot.
+  static char mark(double share_of_top, int row) {
+    const long halves = std::lround(2 * kRows * share_of_top) - 2 * (row - 1);
+    if (halves > 0) return halves > 1 ? '#' : ':';
+    return row == 1 && share_of_top > 0 ? '.' : ' ';
+  }
 
   std::map<evmarker::Timestamp, std::uint64_t> bins_;  // of 2^shift_ us, from time 0 on
   int shift_ = 0;
