@@ -59,6 +59,16 @@ inline CLI::Validator positive_number() {
           "POSITIVE"};
 }
 
+/// Accepts an option's value only if it is a finite number, 0 or above.
+inline CLI::Validator non_negative_number() {
+  return {[](std::string& text) {
+            double value = 0;
+            const bool good = CLI::detail::lexical_cast(text, value) && std::isfinite(value) && value >= 0;
+            return good ? std::string() : text + " is not a number from 0 on";
+          },
+          "NONNEGATIVE"};
+}
+
 /// What is wrong with a marker's length in metres, as where it is in millimetres; empty if nothing is.
 /// @param text the length as the user has written it
 inline std::string marker_length_fault(double length, const std::string& text) {

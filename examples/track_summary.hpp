@@ -13,6 +13,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "recording_faults.hpp"
+
 class TrackSummary {
  public:
   void add(std::span<const evmarker::Event> batch) {
@@ -69,18 +71,11 @@ class TrackSummary {
     evmarker::AccuracyMeter accuracy;
   };
 
-  static void print_faults(const evmarker::io::RecordingStatistics& s, const evmarker::TrackerStatistics& tracker) {
-    const auto tell = [](std::uint64_t count, const char* what) {
-      if (count > 0) std::printf("recording  %" PRIu64 " %s\n", count, what);
-    };
-    tell(s.time_steps_back, "steps back in time");
-    tell(s.off_sensor, "events off the sensor, dropped");
-    tell(s.dropped_before_time, "events before the first time stamp, dropped");
-    tell(s.unknown_words, "unknown words, skipped");
-    tell(s.garbled_times, "time words that the next ones contradict, not followed");
-    tell(tracker.outages, "outages, in which even the noise has stopped");
-    tell(tracker.hot, "events of hot pixels, dropped");
-    tell(s.truncated_bytes, "bytes at the end that are no whole event: the file was cut");
+  static void print_faults(const evmarker::io::RecordingStatistics& recording,
+                           const evmarker::TrackerStatistics& tracker) {
+    recording_faults::print(recording);
+    recording_faults::print(tracker.outages, "outages, in which even the noise has stopped");
+    recording_faults::print(tracker.hot, "events of hot pixels, dropped");
   }
 
   // As "lost 3 times: 2 hidden, 1 verification".

@@ -33,6 +33,7 @@
 #include <vector>
 
 #include "evmarker/io/csv_writer.hpp"
+#include "evmarker/io/event_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
 #include "evmarker/io/raw_writer.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
@@ -49,10 +50,17 @@ using namespace evmarker::io::test;
 
 namespace {
 
-const std::map<std::string, std::string> kPrograms{
-    {"quickstart", EVMARKER_QUICKSTART},   {"paper", EVMARKER_PAPER},           {"simulate", EVMARKER_SIMULATE},
-    {"track_file", EVMARKER_TRACK_FILE},   {"evaluate", EVMARKER_EVALUATE},     {"replay", EVMARKER_REPLAY},
-    {"print_board", EVMARKER_PRINT_BOARD}, {"make_board", EVMARKER_MAKE_BOARD}, {"calibrate", EVMARKER_CALIBRATE}};
+const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICKSTART},
+                                                   {"paper", EVMARKER_PAPER},
+                                                   {"simulate", EVMARKER_SIMULATE},
+                                                   {"track_file", EVMARKER_TRACK_FILE},
+                                                   {"evaluate", EVMARKER_EVALUATE},
+                                                   {"replay", EVMARKER_REPLAY},
+                                                   {"print_board", EVMARKER_PRINT_BOARD},
+                                                   {"make_board", EVMARKER_MAKE_BOARD},
+                                                   {"calibrate", EVMARKER_CALIBRATE},
+                                                   {"convert", EVMARKER_CONVERT},
+                                                   {"info", EVMARKER_INFO}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -1166,6 +1174,278 @@ TEST_CASE("examples: a pipe and a FIFO give the poses of the file, RAW and text"
   }
 }
 
+namespace {
+
+#ifdef EVMARKER_HAS_HDF5
+constexpr bool kHdf5 = true;
+#else
+constexpr bool kHdf5 = false;
+#endif
+
+struct Content {
+  evmarker::SensorSize size;
+  std::vector<evmarker::Event> events;
+  std::vector<evmarker::TriggerEvent> triggers;
+};
+
+Content content_of(const std::filesystem::path& path) {
+  evmarker::io::EventReader reader(path);
+  Content content{reader.sensor_size(), {}, {}};
+  content.events = drain(reader, &content.triggers);
+  return content;
+}
+
+/// Events of a second and a trigger every 10 ms, in a RAW file.
+Content write_raw(const std::filesystem::path& path, evmarker::io::RawFormat format, int triggers_from_input) {
+  Content content{{346, 260}, random_events({346, 260}, 20000, 77), {}};
+  evmarker::io::RawWriter writer(path, content.size, format);
+  std::size_t written = 0;
+  for (std::size_t i = 0; i < content.events.size(); i += 500) {
+    writer.write(std::span(content.events).subspan(written, i - written));
+    written = i;
+    content.triggers.push_back({triggers_from_input, i % 1000 == 0, content.events[i].t});
+    writer.write_trigger(content.triggers.back());
+  }
+  writer.write(std::span(content.events).subspan(written));
+  writer.close();
+  return content;
+}
+
+}  // namespace
+
+TEST_CASE("examples: convert gives the same events and poses in every format") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  const Content recorded = content_of(folder / "recording.raw");
+  const Result whole = run(folder, "track_file recording.raw" + kOptions + " --output whole.csv");
+  REQUIRE_MESSAGE(whole.code == 0, whole.err);
+  std::vector<std::pair<std::string, std::string>> formats{
+      {"2.raw --format evt2", "EVT2"}, {"3.raw", "EVT3"}, {"a.csv", "CSV"}, {"b.bin --format csv", "CSV"}};
+  if (kHdf5) formats.insert(formats.end(), {{"a.h5", "HDF5"}, {"b.hdf5 --compression none", "HDF5"}});
+  for (const auto& [arguments, format] : formats) {
+    CAPTURE(arguments);
+    const std::string name = arguments.substr(0, arguments.find(' '));
+    const Result result = run(folder, "convert recording.raw " + arguments);
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK(result.err.empty());
+    CHECK(result.out.starts_with(format + ": " + std::to_string(recorded.events.size()) + " events in " + name));
+    const Content converted = content_of(folder / name.c_str());
+    CHECK(converted.size == recorded.size);
+    CHECK(converted.events == recorded.events);
+    REQUIRE(run(folder, "track_file " + name + kOptions + " --output poses.csv").code == 0);
+    CHECK(read_file(folder / "poses.csv") == read_file(folder / "whole.csv"));
+    REQUIRE(run(folder, "convert " + name + " back.raw").code == 0);
+    CHECK(read_file(folder / "back.raw") == read_file(folder / "recording.raw"));
+  }
+}
+
+TEST_CASE("examples: convert keeps triggers where the format holds them, and says what is lost") {
+  const TemporaryFolder folder;
+  for (const auto& [from, input] : {std::pair(evmarker::io::RawFormat::evt3, 3), {evmarker::io::RawFormat::evt2, 20}}) {
+    const Content recorded = write_raw(folder / "a.raw", from, input);
+    for (const char* format : {"evt2", "evt3", "csv"}) {
+      CAPTURE(format);
+      CAPTURE(input);
+      const Result result = run(folder, std::string("convert a.raw b --format ") + format);
+      REQUIRE_MESSAGE(result.code == 0, result.err);
+      const bool held = format == std::string("evt2") || (format == std::string("evt3") && input < 16);
+      const Content converted = content_of(folder / "b");
+      CHECK(converted.events == recorded.events);
+      CHECK(converted.triggers == (held ? recorded.triggers : std::vector<evmarker::TriggerEvent>()));
+      const std::string triggers = std::to_string(recorded.triggers.size()) + " triggers";
+      CHECK(contains(result.out, " events and " + triggers + " in b") == held);
+      CHECK(contains(result.out, "recording  " + triggers + " are lost, which ") == !held);
+    }
+  }
+}
+
+TEST_CASE("examples: convert takes a part of a recording, in time and in the image") {
+  const TemporaryFolder folder;
+  const Content recorded = write_raw(folder / "a.raw", evmarker::io::RawFormat::evt3, 3);
+  const evmarker::Timestamp first = recorded.events.front().t, begin = first + 150000, end = first + 400000;
+  REQUIRE(recorded.events.back().t > end);
+  struct Case {
+    const char* options;
+    bool in_time, in_region, shift_time, shift_region;
+  };
+  for (const auto& [options, in_time, in_region, shift_time, shift_region] :
+       {Case{"--from 0.15 --to 0.4", true, false, false, false},
+        {"--shift-time", false, false, true, false},
+        {"--from 0.15 --to 0.4 --shift-time", true, false, true, false},
+        {"--region 100,50,80,60", false, true, false, false},
+        {"--region 100,50,80,60 --shift-region --from 0.15 --to 0.4", true, true, false, true}}) {
+    CAPTURE(options);
+    const evmarker::Timestamp zero = !shift_time ? 0 : in_time ? begin : first;
+    Content wanted{shift_region ? evmarker::SensorSize{80, 60} : recorded.size, {}, {}};
+    for (evmarker::Event event : recorded.events) {
+      if (in_time && (event.t < begin || event.t >= end)) continue;
+      if (in_region && (event.x < 100 || event.x >= 180 || event.y < 50 || event.y >= 110)) continue;
+      if (shift_region) event.x = static_cast<std::uint16_t>(event.x - 100);
+      if (shift_region) event.y = static_cast<std::uint16_t>(event.y - 50);
+      event.t -= zero;
+      wanted.events.push_back(event);
+    }
+    for (evmarker::TriggerEvent trigger : recorded.triggers) {
+      if (in_time && (trigger.t < begin || trigger.t >= end)) continue;
+      trigger.t -= zero;
+      wanted.triggers.push_back(trigger);
+    }
+    REQUIRE(wanted.events.size() > 100);
+    const Result result = run(folder, std::string("convert a.raw b.raw ") + options);
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    const Content converted = content_of(folder / "b.raw");
+    CHECK(converted.size == wanted.size);
+    CHECK(converted.events == wanted.events);
+    CHECK(converted.triggers == wanted.triggers);
+  }
+}
+
+TEST_CASE("examples: convert says which times a format cannot hold, and shifts them on request") {
+  const TemporaryFolder folder;
+  std::string text = "%geometry:640,480\n";
+  for (int i = 0; i < 1000; ++i) text += "1,2,1," + std::to_string(1504645177000000 + 10 * i) + "\n";
+  write_file(folder / "epoch.csv", text);
+  const Result refused = run(folder, "convert epoch.csv a.raw");
+  CHECK(refused.code == 1);
+  CHECK(refused.err ==
+        "convert: a.raw: EVT3 can hold none of the times, t is 1504645177000000 us: --shift-time makes them begin at "
+        "0\n");
+  CHECK(folder.files() == 3);
+  REQUIRE(run(folder, "convert epoch.csv a.raw --shift-time").code == 0);
+  const Content shifted = content_of(folder / "a.raw");
+  REQUIRE(shifted.events.size() == 1000);
+  CHECK(shifted.events.back() == evmarker::Event{1, 2, 1, 9990});
+
+  // Two events before the clock of EVT3 wraps, at 2^24 us, that come when it has.
+  write_file(folder / "late.csv",
+             "%geometry:640,480\n1,2,1,16777200\n1,2,1,16777217\n1,2,1,16777210\n"
+             "1,2,1,16777211\n1,2,1,16777220\n");
+  const Result late = run(folder, "convert late.csv b.raw");
+  CHECK_MESSAGE(late.code == 0, late.err);
+  CHECK(contains(late.out, "recording  2 events are lost, whose times EVT3 cannot hold\n"));
+  CHECK(contains(late.out, "EVT3: 3 events in b.raw"));
+  CHECK(content_of(folder / "b.raw").events ==
+        std::vector<evmarker::Event>{{1, 2, 1, 16777200}, {1, 2, 1, 16777217}, {1, 2, 1, 16777220}});
+}
+
+TEST_CASE("examples: convert writes to a pipe, and keeps what there is when it is interrupted") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  REQUIRE(run(folder, "track_file recording.raw" + kOptions + " --output whole.csv").code == 0);
+  const Result piped = run(folder, "track_file /dev/stdin" + kOptions + " --output poses.csv", "stderr.txt",
+                           with_path("convert recording.raw /dev/stdout --format evt2") + " 2>summary.txt | ");
+  CHECK_MESSAGE(piped.code == 0, piped.err);
+  CHECK(read_file(folder / "poses.csv") == read_file(folder / "whole.csv"));
+  CHECK(contains(read_file(folder / "summary.txt"), " events in /dev/stdout"));
+
+  const Content recorded = content_of(folder / "recording.raw");
+  const Fifo fifo(folder / "fifo", read_file(folder / "recording.raw"));  // which stays open
+  Child child(folder, "convert fifo a.raw");
+  REQUIRE(child.wait_until([&] { return is_filled(folder / "a.raw.part"); }));
+  child.kill(SIGINT);
+  const Result result = child.wait();
+  CHECK_MESSAGE(result.code == 130, result.err);
+  const Content kept = content_of(folder / "a.raw");
+  CHECK(kept.events.size() > 1000);
+  REQUIRE(kept.events.size() <= recorded.events.size());
+  CHECK(std::ranges::equal(kept.events, std::span(recorded.events).first(kept.events.size())));
+  CHECK(result.err.starts_with("convert: interrupted after 0."));
+  CHECK(result.err.ends_with(" kept " + std::to_string(kept.events.size()) + " events in a.raw\n"));
+  CHECK_FALSE(std::filesystem::exists(folder / "a.raw.part"));
+}
+
+TEST_CASE("examples: info tells what was put into a recording") {
+  // Noise of 2 Hz per pixel, two hot pixels, a pause, triggers and an event whose time is wrong.
+  const TemporaryFolder folder;
+  const evmarker::SensorSize size{320, 240};
+  std::mt19937 random(9);
+  std::exponential_distribution<double> interval_us(2e-6 * size.width * size.height);
+  const auto below = [&](int limit) { return static_cast<std::uint16_t>(random() % static_cast<unsigned>(limit)); };
+  evmarker::io::RawWriter writer(folder / "a.raw", size, evmarker::io::RawFormat::evt2);
+  std::uint64_t events = 0, on = 0;
+  const auto write = [&](const evmarker::Event& event) {
+    writer.write(event);
+    ++events;
+    on += event.p == 1;
+  };
+  double t_us = 1000000;
+  evmarker::Timestamp next_hot = 1000000;
+  while (t_us < 3000000) {
+    t_us += interval_us(random);
+    if (t_us > 2000000 && t_us < 2050000) t_us = 2050000 + 5;
+    const auto t = static_cast<evmarker::Timestamp>(t_us);
+    for (; next_hot < t; next_hot += 200) {
+      if (next_hot > 2000000 && next_hot < 2050000) continue;
+      write({100, 50, 1, next_hot});
+      if (next_hot % 400 == 0) write({200, 150, 1, next_hot});
+    }
+    write({below(size.width), below(size.height), static_cast<std::int16_t>(below(4) == 0), t});
+    if (events == 100000) write({5, 5, 1, 900000000});
+  }
+  for (int i = 0; i < 5; ++i) writer.write_trigger({6, i % 2 == 0, 3000000});
+  writer.close();
+
+  const Result result = run(folder, "info a.raw");
+  CAPTURE(result.out);
+  REQUIRE_MESSAGE(result.code == 0, result.err);
+  CHECK(result.err.empty());
+  CHECK(result.out.starts_with("a.raw\nformat     Prophesee RAW, EVT2\nsensor     320 x 240 px\nevents     " +
+                               std::to_string(events) + ", "));
+  const auto number_after = [&](const std::string& word) {
+    const auto at = result.out.find(word);
+    REQUIRE_MESSAGE(at != std::string::npos, word);
+    return std::stod(result.out.substr(at + word.size()));
+  };
+  CHECK(number_after(std::to_string(events) + ", ") ==
+        doctest::Approx(100 * static_cast<double>(on) / static_cast<double>(events)).epsilon(0.002));
+  CHECK(contains(result.out, "time       1.0000"));
+  CHECK(contains(result.out, " s: 2.00 s\n"));
+  CHECK(number_after("rate       ") == doctest::Approx(static_cast<double>(events) / 2000).epsilon(0.01));
+  CHECK(contains(result.out, " k/s mean, "));
+  CHECK(number_after("gaps       longest ") == doctest::Approx(50).epsilon(0.01));
+  CHECK(contains(result.out, " ms, after 2.000000 s; 1 of more than 0."));
+  CHECK(number_after("noise      ") == doctest::Approx(2).epsilon(0.1));
+  CHECK(contains(result.out, "hot pixels 2: (100, 50) 4.88 k/s, (200, 150) 2.44 k/s\n"));
+  CHECK(contains(result.out, "triggers   input 6: 3 rising, 2 falling\n"));
+  CHECK(contains(result.out, "recording  1 events whose time neither"));
+  CHECK(contains(result.out, "recording  1 steps back in time\n"));
+}
+
+TEST_CASE("examples: info plots the rate, and goes on behind a recording that it cannot read") {
+  const TemporaryFolder folder;
+  std::string text = "%geometry:640,480\n";  // 1 kHz for a second, then 4 kHz
+  for (int i = 0; i < 5000; ++i) text += "1,2,1," + std::to_string(i < 1000 ? 1000 * i : 750000 + 250 * i) + "\n";
+  write_file(folder / "a.csv", text);
+  write_file(folder / "cut.csv", text_events(100, 100) + "1,2,x,3\n");
+  const Result result = run(folder, "info --size 640,480 cut.csv a.csv missing.raw");
+  CAPTURE(result.out);
+  CHECK(result.code == 1);
+  CHECK(contains(result.out, "cut.csv\nformat     text, columns x y p t, time in us\n"));
+  CHECK(contains(result.out, "events     100, 100.0 % ON\n"));
+  CHECK(contains(result.out, "events     5000, 100.0 % ON\n"));
+  CHECK(contains(result.err, "info: cut.csv: line 101: p is 'x'"));
+  CHECK(contains(result.err, "info: missing.raw: "));
+  CHECK(result.err.ends_with("info: 2 of 3 recordings cannot be read to the end\n"));
+
+  const std::string plot = result.out.substr(result.out.find("\na.csv"));
+  std::vector<std::string> rows;
+  for (const std::string& line : split(plot, '\n')) {
+    if (line.find('|') != 10) continue;
+    CHECK(line.size() <= 80);
+    rows.push_back(line.substr(11));
+  }
+  REQUIRE(rows.size() == 8);
+  REQUIRE(rows.back().size() == 66);
+  for (std::size_t row = 0; row < rows.size(); ++row)
+    for (const std::size_t column :
+         {std::size_t{0}, std::size_t{15}, std::size_t{30}, std::size_t{36}, std::size_t{64}}) {
+      const char mark = column < rows[row].size() ? rows[row][column] : ' ';
+      CAPTURE(row);
+      CAPTURE(column);
+      CHECK((mark == '#') == (column > 33 || row >= 6));  // 2 and 8 of 8 rows
+    }
+}
+
 TEST_CASE("examples: track_file keeps its poses when it is interrupted") {
   for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
     const TemporaryFolder folder;
@@ -1521,6 +1801,34 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {"make_board recording.raw --ids 7,100 --output b.yml" + kOptions, {"--board-id", "100"}},
       {"make_board recording.raw --ids 7,8 --output camera.yml" + kOptions, {"--output camera.yml", "--camera"}},
       {"make_board recording.raw --ids 7,8 --output b.yml" + kOptions, {"recording.raw", "at only 0 places"}},
+      {"convert recording.raw recording.raw", {"the output recording.raw", "the recording recording.raw"}},
+      {"convert recording.raw a.xyz", {"a.xyz", ".raw, .csv, .txt, .h5 and .hdf5", "--format"}},
+      {"convert recording.raw a.raw --format evt4", {"--format", "evt4"}},
+      {"convert recording.raw missing/a.raw", {"missing/a.raw", "No such file"}},
+      {"convert missing.raw a.raw", {"missing.raw", "No such file"}},
+      {"convert recording.raw a.raw --from 2 --to 1", {"--to", "1 s", "--from, 2 s"}},
+      {"convert recording.raw a.raw --from 9", {"recording.raw", "--from", "0.60 s"}},
+      {"convert recording.raw a.raw --from nan", {"--from", "nan"}},
+      {"convert recording.raw a.raw --to -1", {"--to", "-1"}},
+      {"convert recording.raw a.raw --region 600,0,100,100", {"--region", "100 x 100 px at 600,0", "640 x 480"}},
+      {"convert recording.raw a.raw --region 600,0,100", {"--region", "4"}},
+      {"convert recording.raw a.raw --shift-region", {"--shift-region", "--region"}},
+      {"convert recording.raw a.raw --size 320,240", {"recording.raw", "640 x 480", "--size says 320 x 240"}},
+      {"convert a.csv a.raw", {"a.csv", "no sensor size", "--size 640,480"}, "a.csv", text_events(100, 100)},
+      {"convert a.csv b.raw --size 3000,480 --time-unit us",
+       {"b.raw", "EVT3", "width is 3000 px", "1..2048"},
+       "a.csv",
+       text_events(100, 100)},
+      {"convert a.csv b.csv --size 640,480", {"a.csv", "50 of 100", "--size"}, "a.csv", text_events(100, 50)},
+      {"convert none.raw a.csv", {"none.raw", "no events"}, "none.raw", with_body(body(""))},
+      {"convert garbled.raw a.csv", {"garbled.raw", "garbled"}, "garbled.raw", with_body(body(random_bytes(200000)))},
+      {"convert bad.csv a.raw --size 640,480",
+       {"bad.csv", "line 101", "p is 'x'"},
+       "bad.csv",
+       text_events(100, 100) + "1,2,x,3\n"},
+      {"convert recording.raw /dev/null --format hdf5", {"/dev/null", kHdf5 ? "not to pipes" : "libhdf5-dev"}},
+      {"info missing.raw", {"missing.raw", "No such file"}},
+      {"info a.csv", {"a.csv", "no sensor size", "--size 640,480"}, "a.csv", text_events(100, 100)},
       {"evaluate missing.csv --truth truth.csv", {"missing.csv", "No such file"}},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "no poses"}, "p.csv", std::string(kPoseHeader) + "\n"},
       {"evaluate p.csv --truth truth.csv", {"p.csv", "marker_id"}, "p.csv", "t_us,tx\n1,2\n"},

@@ -301,7 +301,7 @@ TEST_CASE("CsvReader: events off the sensor, steps back in time, shift to zero")
 
 TEST_CASE("CsvReader: one clear line for a file that cannot be read") {
   CHECK(contains(error_in(""), "a.csv: the file is empty"));
-  CHECK(contains(error_in("5,6,1,100\n", {}), "no sensor size: give it in the options"));
+  CHECK(contains(error_in("5,6,1,100\n", {}), "no sensor size: give it, --size 640,480 (in the options: sensor_size)"));
   CHECK(contains(error_in("this is a letter\nto someone\n"), "cannot recognise the columns"));
   CHECK(contains(error_in("5,6\n7,8\n"), "cannot recognise the columns"));
   CHECK(contains(error_of([&] { CsvReader("/no/such/file.csv", kSize); }), "/no/such/file.csv: cannot open"));

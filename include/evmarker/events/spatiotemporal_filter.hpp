@@ -72,6 +72,9 @@ class SpatiotemporalFilter {
 
   /// The present window [us]; the automatic one changes with the background activity.
   std::chrono::microseconds window() const noexcept { return std::chrono::microseconds(window_); }
+  /// The background activity measured so far [Hz/px]; 1 before it is, and with a fixed window, which needs no
+  /// measurement.
+  double background_hz_per_px() const noexcept { return activity_.hz_per_px(); }
 
   /// Prefetches the memory that `accept` will read for this event, which must lie on the sensor.
   void prefetch(const Event& event) const noexcept {

@@ -55,10 +55,10 @@ class CsvReader final : public RecordingReader {
     if (!text_.fault.empty()) throw RecordingError(lines_.path(), text_.fault);
     if (!text_.size) text_.size = options.sensor_size;
     if (!text_.size)
-      throw RecordingError(
-          lines_.path(),
-          "no sensor size: give it in the options (sensor_size) or, for x,y,p,t in us, in a first line "
-          "'%geometry:WIDTH,HEIGHT'");
+      throw RecordingError(lines_.path(),
+                           "no sensor size: give it, --size 640,480 (in the options: sensor_size) or, for x,y,p,t in "
+                           "us, in a first line "
+                           "'%geometry:WIDTH,HEIGHT'");
     if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > detail::kMaxSide ||
         text_.size->height > detail::kMaxSide)
       throw std::invalid_argument("sensor_size is " + std::to_string(text_.size->width) + " x " +

@@ -1,5 +1,6 @@
 #pragma once
 // Writes events as Metavision CSV.
+#include <algorithm>
 #include <charconv>
 #include <cstddef>
 #include <cstdint>
@@ -12,12 +13,13 @@
 #include "evmarker/events/event.hpp"
 #include "evmarker/io/event_checks.hpp"
 #include "evmarker/io/output_file.hpp"
+#include "evmarker/io/recording_writer.hpp"
 
 namespace evmarker::io {
 
-/// Writes `%geometry:W,H` and for each event a line `x,y,p,t`, with p 0 or 1 and t in microseconds. The file appears
-/// under its name in `close()`; a writer that is destroyed before that leaves no file.
-class CsvWriter {
+/// Writes `%geometry:W,H` and for each event a line `x,y,p,t`, with p 0 or 1 and t in microseconds; no
+/// triggers.
+class CsvWriter final : public RecordingWriter {
  public:
   /// @throws std::invalid_argument for a sensor without pixels, RecordingError where the file cannot be created
   CsvWriter(std::filesystem::path path, SensorSize size) : size_(checked(size)), output_(std::move(path)) {
@@ -26,7 +28,7 @@ class CsvWriter {
 
   /// @throws std::invalid_argument naming an event that is off the sensor or before time 0; then none is written
   /// @throws RecordingError where the disk is full
-  void write(std::span<const Event> events) {
+  void write(std::span<const Event> events) override {
     require_writable(events, size_, events_written_);
     for (const Event& event : events) {
       append(event.x, ',');
@@ -39,12 +41,14 @@ class CsvWriter {
   }
   void write(const Event& event) { write(std::span(&event, 1)); }
 
-  /// Completes the file; calling it again does nothing.
-  /// @throws RecordingError where the disk is full
-  void close() { output_.close(); }
+  void close() override { output_.close(); }
 
-  SensorSize sensor_size() const noexcept { return size_; }
-  std::uint64_t events_written() const noexcept { return events_written_; }
+  std::size_t count_writable(std::span<const Event> events) const override {
+    const auto negative = std::ranges::find_if(events, [](const Event& event) { return event.t < 0; });
+    return static_cast<std::size_t>(negative - events.begin());
+  }
+  SensorSize sensor_size() const noexcept override { return size_; }
+  std::uint64_t events_written() const noexcept override { return events_written_; }
 
  private:
   static SensorSize checked(SensorSize size) {

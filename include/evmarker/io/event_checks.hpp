@@ -30,12 +30,13 @@ inline void require_trigger_id(int id, int max_id, const char* encoding) {
                                 std::to_string(max_id));
 }
 
-/// Rejects events that are off the sensor or before time 0.
+/// Rejects events that are off the sensor or, where `negative_times` are not allowed, before time 0.
 /// @param number of the first event in the recording, from 0
 /// @throws std::invalid_argument with the number of the event
-inline void require_writable(std::span<const Event> events, SensorSize size, std::uint64_t number) {
+inline void require_writable(std::span<const Event> events, SensorSize size, std::uint64_t number,
+                             bool negative_times = false) {
   for (const Event& event : events) {
-    const bool good = event.x < size.width && event.y < size.height && event.t >= 0;
+    const bool good = event.x < size.width && event.y < size.height && (event.t >= 0 || negative_times);
     if (!good) [[unlikely]] {
       const std::string name = "event " + std::to_string(number);
       if (event.x >= size.width)

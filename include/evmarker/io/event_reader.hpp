@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cctype>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -21,6 +20,7 @@
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/io/dat_reader.hpp"
+#include "evmarker/io/file_extension.hpp"
 #include "evmarker/io/hdf5_reader.hpp"
 #include "evmarker/io/mcap_reader.hpp"
 #include "evmarker/io/raw_reader.hpp"
@@ -45,6 +45,22 @@ struct EventReaderOptions {
 };
 
 enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5, mcap, rosbag, rosbag2 };
+
+constexpr const char* to_string(RecordingKind kind) noexcept {
+  switch (kind) {
+    case RecordingKind::raw: return "Prophesee RAW";
+    case RecordingKind::text: return "text";
+    case RecordingKind::dat: return "Prophesee DAT";
+    case RecordingKind::aedat2: return "AEDAT 2";
+    case RecordingKind::aedat3: return "AEDAT 3.1";
+    case RecordingKind::aedat4: return "AEDAT 4";
+    case RecordingKind::hdf5: return "HDF5";
+    case RecordingKind::mcap: return "ROS 2 MCAP";
+    case RecordingKind::rosbag: return "ROS 1 bag";
+    case RecordingKind::rosbag2: return "ROS 2 SQLite";
+  }
+  return "?";
+}
 
 namespace detail {
 
@@ -84,12 +100,6 @@ inline RecordingError compressed(const std::filesystem::path& path, std::string_
                     " >unpacked_" + path.filename().string()};
 }
 
-inline std::string lower_extension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return extension;
-}
-
 inline bool looks_like_text(std::string_view head) {
   return std::ranges::none_of(
       head, [](char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\r' && c != '\t'; });
@@ -104,7 +114,7 @@ inline bool looks_like_text(std::string_view head) {
 inline RecordingKind recognize_recording(std::string_view head, const std::filesystem::path& path) {
   head = head.substr(0, 4096);
   if (head.empty()) throw RecordingError(path, "the file is empty");
-  const std::string extension = detail::lower_extension(path);
+  const std::string extension = lower_extension(path);
 
   for (const auto& [name, magic, unpack] : detail::kCompressions)
     if (head.starts_with(magic)) throw detail::compressed(path, name, unpack);
@@ -155,6 +165,18 @@ class EventReader {
   /// Size of the file; 0 where it has none, like a pipe.
   std::uint64_t bytes_total() const { return reader_->bytes_total(); }
   RecordingKind kind() const noexcept { return kind_; }
+  /// The kind and what else was recognised, as "Prophesee RAW, EVT3" or "text, columns t x y p, time in s".
+  std::string format() const {
+    std::string format = to_string(kind_);
+    if (const auto* raw = dynamic_cast<const RawReader*>(reader_.get()))
+      format += std::string(", ") + to_string(raw->header().format);
+    if (const auto* text = dynamic_cast<const CsvReader*>(reader_.get())) {
+      format += ", columns";
+      for (const char column : text->layout().columns) format += {' ', column};
+      format += std::string(", time in ") + to_string(text->layout().time_unit);
+    }
+    return format;
+  }
 
  private:
   static std::unique_ptr<RecordingReader> open(RecordingKind kind, BlockReader blocks,

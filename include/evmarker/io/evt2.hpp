@@ -172,11 +172,21 @@ class Evt2Encoder {
 
   /// @throws std::invalid_argument where the id is not in 0..31 or EVT2 cannot express the time
   void encode(const TriggerEvent& trigger, std::vector<std::byte>& bytes) {
-    require_trigger_id(trigger.id, 31, "EVT2");
+    require_trigger_id(trigger.id, kMaxTriggerId, "EVT2");
     put(Evt2Word::trigger, trigger.t, static_cast<std::uint32_t>(trigger.id) << 8U | (trigger.rising ? 1U : 0U), bytes);
   }
 
+  /// How many of the events, from the first on, `encode` can express next.
+  std::size_t count_expressible(std::span<const Event> events) const noexcept {
+    return time_high_.count_expressible(events);
+  }
+  bool can_express(const TriggerEvent& trigger) const noexcept {
+    return trigger.id >= 0 && trigger.id <= kMaxTriggerId && time_high_.can_express(trigger.t);
+  }
+
  private:
+  static constexpr int kMaxTriggerId = 31;
+
   void put(Evt2Word type, Timestamp t, std::uint32_t payload, std::vector<std::byte>& bytes) {
     time_high_.advance_to(t, [&](std::uint32_t high) {
       append_word<std::uint32_t>(bytes, static_cast<std::uint32_t>(Evt2Word::time_high) << 28U | high);

@@ -261,12 +261,21 @@ class Evt3Encoder {
 
   /// @throws std::invalid_argument where the id is not in 0..15 or EVT3 cannot express the time
   void encode(const TriggerEvent& trigger, std::vector<std::byte>& bytes) {
-    require_trigger_id(trigger.id, 15, "EVT3");
+    require_trigger_id(trigger.id, kMaxTriggerId, "EVT3");
     put_time(trigger.t, bytes);
     put(bytes, Evt3Word::trigger, static_cast<std::uint32_t>(trigger.id) << 8U | (trigger.rising ? 1U : 0U));
   }
 
+  /// How many of the events, from the first on, `encode` can express next.
+  std::size_t count_expressible(std::span<const Event> events) const noexcept {
+    return time_high_.count_expressible(events);
+  }
+  bool can_express(const TriggerEvent& trigger) const noexcept {
+    return trigger.id >= 0 && trigger.id <= kMaxTriggerId && time_high_.can_express(trigger.t);
+  }
+
  private:
+  static constexpr int kMaxTriggerId = 15;
   static constexpr std::uint32_t kVectorLength = 32;
   static constexpr std::size_t kVectorWords = 4;  // VECT_BASE_X and three masks
 

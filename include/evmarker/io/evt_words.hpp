@@ -114,13 +114,10 @@ class TimeHighEncoder {
   /// @throws std::invalid_argument naming `t` where the encoding cannot express it
   template <std::invocable<std::uint32_t> Emit>
   void advance_to(Timestamp t, Emit&& emit) {
-    if (t < 0) refuse(t, "must not be negative");
+    if (const char* const fault = fault_of(t, last_wrap())) refuse(t, fault);
     const std::int64_t high = t >> LowBits;
-    const std::int64_t wraps = (high >> HighBits) - (std::max<std::int64_t>(last_, 0) >> HighBits);
-    if (wraps < 0) refuse(t, "which lies before the last wrap of the encoding's clock");
-    if (wraps > kMaxWraps) refuse(t, "which lies too far ahead for the encoding: shift the times to zero");
     const auto put = [&](std::int64_t next) { emit(static_cast<std::uint32_t>((last_ = next) & (kRange - 1))); };
-    if (last_ < 0) put(wraps > 0 ? 0 : high);
+    if (last_ < 0) put(high >> HighBits > 0 ? 0 : high);
     // Some decoders recognise a wrap only where the counter passes from its last value to 0.
     while (last_ >> HighBits < high >> HighBits) {
       step_to(last_ | (kRange - 1), put);
@@ -129,9 +126,32 @@ class TimeHighEncoder {
     step_to(high, put);
   }
 
+  /// How many of the events, from the first on, have times that can be expressed one after the other.
+  std::size_t count_expressible(std::span<const Event> events) const noexcept {
+    std::int64_t wrap = last_wrap();
+    std::size_t count = 0;
+    for (; count < events.size() && fault_of(events[count].t, wrap) == nullptr; ++count)
+      wrap = wrap_of(events[count].t);
+    return count;
+  }
+
+  /// True if `advance_to(t)` would not throw.
+  bool can_express(Timestamp t) const noexcept { return fault_of(t, last_wrap()) == nullptr; }
+
  private:
   static constexpr std::int64_t kRange = std::int64_t{1} << HighBits;
   static constexpr std::int64_t kNear = std::int64_t{1} << (16 - LowBits);  // as in TimeHighDecoder
+
+  static constexpr std::int64_t wrap_of(Timestamp t) noexcept { return t >> (LowBits + HighBits); }
+  std::int64_t last_wrap() const noexcept { return std::max<std::int64_t>(last_, 0) >> HighBits; }
+
+  // Why `t` cannot be expressed after a time in this wrap; null where it can.
+  static const char* fault_of(Timestamp t, std::int64_t last_wrap) noexcept {
+    if (t < 0) return "must not be negative";
+    const std::int64_t wraps = wrap_of(t) - last_wrap;
+    if (wraps < 0) return "which lies before the last wrap of the encoding's clock";
+    return wraps > kMaxWraps ? "which lies too far ahead for the encoding: shift the times to zero" : nullptr;
+  }
 
   // In steps of less than half the range: decoders read a longer step back as a wrap.
   template <typename Put>

@@ -19,6 +19,24 @@
 
 namespace evmarker::io {
 
+/// The text of an attribute of a file, group or dataset; empty where it has none, or it is no text.
+inline std::string hdf5_text(hid_t object, const char* name) {
+  const Hdf5Handle attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose), type(H5Aget_type(attribute.get()), H5Tclose);
+  if (H5Sget_simple_extent_npoints(space.get()) != 1 || H5Tget_class(type.get()) != H5T_STRING) return {};
+  std::string text;
+  if (H5Tis_variable_str(type.get()) > 0) {
+    char* value = nullptr;
+    if (H5Aread(attribute.get(), type.get(), &value) >= 0 && value != nullptr) text = value;
+    H5free_memory(value);
+  } else if (H5Tget_size(type.get()) < 100) {
+    text.resize(H5Tget_size(type.get()));
+    H5Aread(attribute.get(), type.get(), text.data());
+    text = text.c_str();  // without what fills it up
+  }
+  return text;
+}
+
 /// Numbers of a dataset: all of them, a member of each compound, or a column of two dimensions.
 class Hdf5Column {
  public:
@@ -65,6 +83,9 @@ class Hdf5Column {
           H5Tclose);
     return H5Tget_class(type.get()) == H5T_FLOAT;
   }
+
+  /// The attribute `units` of the dataset; empty where it has none.
+  std::string units() const { return hdf5_text(dataset_->get(), "units"); }
 
   /// Reads the numbers of `to.size()` rows from `first` on.
   /// @throws std::runtime_error where libhdf5 cannot

@@ -1,5 +1,9 @@
 #pragma once
-// Handles of libhdf5 that close themselves, and its errors as text. Empty without the component `hdf5`.
+// Handles of libhdf5 that close themselves, and its errors as text, where the build has it.
+#include <filesystem>
+
+#include "evmarker/io/recording_error.hpp"
+
 #ifdef EVMARKER_HAS_HDF5
 #include <hdf5.h>
 
@@ -65,3 +69,14 @@ class Hdf5Silence {
 
 }  // namespace evmarker::io
 #endif
+
+namespace evmarker::io {
+
+/// What reading or writing HDF5 throws without the component `hdf5`.
+inline RecordingError without_hdf5(const std::filesystem::path& path) {
+  return {path,
+          "HDF5 recordings need libhdf5, which this build leaves out: install libhdf5-dev and build with evmarker's "
+          "component hdf5"};
+}
+
+}  // namespace evmarker::io

@@ -123,6 +123,7 @@ inline Hdf5Events find_hdf5_events(hid_t file) {
           throw std::runtime_error("its columns have " + std::to_string(events->columns[0].rows()) + " and " +
                                    std::to_string(column.rows()) + " numbers, must have the same");
       if (path == "/CD/events") events->time_unit = TimeUnit::microseconds;
+      if (!events->time_unit) events->time_unit = time_unit_named(events->columns[3].units());
       return std::move(*events);
     } catch (const std::runtime_error& error) {
       throw std::runtime_error(path + ": " + error.what());
@@ -155,20 +156,7 @@ inline std::optional<SensorSize> hdf5_sensor_size(hid_t file) {
   constexpr std::int64_t kMost = 1 << 30;
   if (width && height && *width > 0 && *height > 0 && *width < kMost && *height < kMost)
     return SensorSize{static_cast<int>(*width), static_cast<int>(*height)};
-  const Hdf5Handle attribute(H5Aopen(file, "geometry", H5P_DEFAULT), H5Aclose);
-  const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose), type(H5Aget_type(attribute.get()), H5Tclose);
-  if (H5Sget_simple_extent_npoints(space.get()) != 1 || H5Tget_class(type.get()) != H5T_STRING) return std::nullopt;
-  std::string text;
-  if (H5Tis_variable_str(type.get()) > 0) {
-    char* value = nullptr;
-    if (H5Aread(attribute.get(), type.get(), &value) >= 0 && value != nullptr) text = value;
-    H5free_memory(value);
-  } else if (H5Tget_size(type.get()) < 100) {
-    text.resize(H5Tget_size(type.get()));
-    H5Aread(attribute.get(), type.get(), text.data());
-    text = text.c_str();  // without what fills it up
-  }
-  return detail::parse_geometry(text, 'x');
+  return detail::parse_geometry(hdf5_text(file, "geometry"), 'x');
 }
 
 }  // namespace evmarker::io

@@ -40,8 +40,8 @@ struct Hdf5ReaderOptions : RecordingOptions {
 /// Reads HDF5 recordings of Prophesee, DSEC, MVSEC and others with columns or members x, y, t and p, piece by piece.
 /// Prophesee's triggers are not read. libhdf5 may be used by one thread at a time.
 ///
-/// Times are in the unit of their name, else whole numbers are microseconds and others seconds, unless the first events
-/// show another unit; `t_offset`, as of DSEC, is added to them.
+/// Times are in the unit of their name or of their attribute `units`, else whole numbers are microseconds and others
+/// seconds, unless the first events show another unit; `t_offset`, as of DSEC, is added to them.
 class Hdf5Reader final : public CollectingReader {
  public:
   /// @throws RecordingError where the file is missing or damaged, has no events, or needs a filter that is not there
@@ -169,9 +169,7 @@ inline std::unique_ptr<RecordingReader> open_hdf5(const std::filesystem::path& p
 #ifdef EVMARKER_HAS_HDF5
   return std::make_unique<Hdf5Reader>(path, options);
 #else
-  throw RecordingError(path,
-                       "HDF5 recordings need libhdf5, which this build leaves out: install libhdf5-dev and build with "
-                       "evmarker's component hdf5");
+  throw without_hdf5(path);
 #endif
 }
 

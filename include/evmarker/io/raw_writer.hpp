@@ -18,12 +18,12 @@
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/output_file.hpp"
 #include "evmarker/io/raw_header.hpp"
+#include "evmarker/io/recording_writer.hpp"
 
 namespace evmarker::io {
 
-/// Writes a recording that decodes to the same events in the same order. The file appears under its name in `close()`;
-/// a writer that is destroyed before that leaves no file.
-class RawWriter {
+/// Writes a recording that decodes to the same events in the same order.
+class RawWriter final : public RecordingWriter {
  public:
   /// @param size at most 2048 x 2048 px
   /// @throws std::invalid_argument for a size or format that cannot be written
@@ -39,7 +39,7 @@ class RawWriter {
   /// @throws std::invalid_argument naming an event that is off the sensor or before time 0, in which case none is
   /// written, or one that is further back in time than the format can express
   /// @throws RecordingError where the disk is full
-  void write(std::span<const Event> events) {
+  void write(std::span<const Event> events) override {
     require_writable(events, size_, events_written_);
     while (!events.empty()) {
       const auto piece = events.first(std::min(events.size(), kPieceEvents));
@@ -54,17 +54,21 @@ class RawWriter {
   /// Writes a trigger event between the events written before and after this call.
   /// @throws std::invalid_argument where the format cannot express its id or time
   /// @throws RecordingError where the disk is full
-  void write_trigger(const TriggerEvent& trigger) {
+  void write_trigger(const TriggerEvent& trigger) override {
     std::visit([&](auto& encoder) { encoder.encode(trigger, output_.buffer()); }, encoder_);
     output_.flush_if_large();
   }
 
-  /// Completes the file; calling it again does nothing.
-  /// @throws RecordingError where the disk is full
-  void close() { output_.close(); }
+  void close() override { output_.close(); }
 
-  SensorSize sensor_size() const noexcept { return size_; }
-  std::uint64_t events_written() const noexcept { return events_written_; }
+  std::size_t count_writable(std::span<const Event> events) const override {
+    return std::visit([&](const auto& encoder) { return encoder.count_expressible(events); }, encoder_);
+  }
+  bool can_write(const TriggerEvent& trigger) const override {
+    return std::visit([&](const auto& encoder) { return encoder.can_express(trigger); }, encoder_);
+  }
+  SensorSize sensor_size() const noexcept override { return size_; }
+  std::uint64_t events_written() const noexcept override { return events_written_; }
 
  private:
   static constexpr std::size_t kPieceEvents = std::size_t{1} << 16;  // bounds the buffer, however many are written

@@ -53,7 +53,7 @@ class RecordingReader {
 inline SensorSize choose_sensor_size(std::optional<SensorSize> recorded, const RecordingOptions& options, int max_side,
                                      const char* encoding, const std::filesystem::path& path) {
   const auto size = recorded ? recorded : options.sensor_size;
-  if (!size) throw RecordingError(path, "no sensor size in it: give it in the options (sensor_size)");
+  if (!size) throw RecordingError(path, "no sensor size in it: give it, --size 640,480 (in the options: sensor_size)");
   const auto fits = [&](int side) { return side >= 1 && side <= max_side; };
   if (fits(size->width) && fits(size->height)) return *size;
   throw RecordingError(path, "sensor size is " + std::to_string(size->width) + " x " + std::to_string(size->height) +
