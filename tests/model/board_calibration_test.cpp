@@ -168,6 +168,8 @@ TEST_CASE("the board's frame is that of the first marker that is named, whicheve
 TEST_CASE("what does not determine a board is refused in a sentence that says what to do") {
   CHECK(message_of([] { calibrator({1}); }) == "board: needs two markers or more");
   CHECK(message_of([] { calibrator({1, 2, 1}); }) == "board: marker 1 is there twice");
+  CHECK(message_of([] { BoardCalibrator({1, 2}, 0, 500); }) == "board calibrator: length is 0");
+  CHECK(message_of([] { BoardCalibrator({1, 2}, 0.1, std::nan("")); }) == "board calibrator: focal_length is nan");
   const Trajectory motion = turning(1);
   NoisyCube noisy(1);
   const auto all = [&](double s) { return noisy.poses(motion(s), 0); };

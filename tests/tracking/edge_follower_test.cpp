@@ -11,17 +11,21 @@
 #include <tuple>
 #include <vector>
 
+#include "evmarker/model/board.hpp"
 #include "evmarker/update/decoupled_update.hpp"
 #include "evmarker/update/kalman_update.hpp"
 
 using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
+using evmarker::Board;
+using evmarker::CodeBits;
 using evmarker::Correspondence;
 using evmarker::DecoupledUpdate;
 using evmarker::EdgeFollower;
 using evmarker::EventGroup;
 using evmarker::KalmanUpdate;
+using evmarker::make_board_model;
 using evmarker::MarkerModel;
 using evmarker::MatchResult;
 using evmarker::Matrix6d;
@@ -124,6 +128,33 @@ double corner_error_px(const Isometry3d& estimate, const Isometry3d& truth) {
 }
 
 }  // namespace
+
+// Without edges to choose anew, the choices in hand never ended, and no event was taken.
+TEST_CASE("a group is taken to its end when a board is carried behind the camera") {
+  const CodeBits bits = (CodeBits(2, 2) << 1, 0, 0, 1).finished();
+  Board board{100, {{.id = 1, .length = 0.1, .bits = bits}, {.id = 2, .length = 0.1, .bits = bits}}};
+  board.markers[1].T_board_marker.translation().x() = 0.15;
+  const Isometry3d facing = turned_pose({std::numbers::pi, 0, 0}, {0, 0, 0.5});
+  const MarkerModel model = make_board_model(board);
+  for (const double step_z : {-1.0, -0.5}) {
+    CAPTURE(step_z);
+    CountingFollower follower(model, kFocal, facing, {.events_per_update = 32, .update = {.step_z = step_z}});
+    REQUIRE(follower.accepts_groups());
+    EventGroup group;
+    group.fill(EventGroup::kMost, [](std::size_t i) {  // as many as an update needs on the first marker's left edge
+      const Vector2d m = i < 32 ? px(-50, static_cast<double>(i)) : px(200, 200);
+      return std::tuple(m, static_cast<Timestamp>(i), 1.0);
+    });
+    for (int again = 0; again < 4; ++again)
+      for (std::size_t taken = 0; taken < group.count();) {
+        const std::size_t before = taken;
+        taken = follower.push(group, taken, [](auto...) { return true; });
+        REQUIRE(taken > before);
+      }
+    CHECK(follower.rule().updates > 0);
+    CHECK(!follower.in_front());
+  }
+}
 
 TEST_CASE("every n matched events make one update") {
   for (const int n : {1, 2, 7, 100}) {

@@ -165,6 +165,27 @@ TEST_CASE("events that lie anywhere near the edges lose the marker within some h
   }
 }
 
+// The rate of events beside the edges became 0 / 0, and such events spoke against no pose any more.
+TEST_CASE("a start whose first events have one time stamp does not hide a loss") {
+  TrackHealth health(kSquare, kFocalLength, {.false_alarm_rate = 1e-6});
+  health.restart(0);
+  health.judge_verification(true);
+  Timestamp t = 0;
+  const auto add = [&](int events, MatchResult match, Timestamp apart_us) {
+    for (int i = 0; i < events && !health.lost(); ++i) {
+      health.add(match, i % 4);
+      t += apart_us;
+      if (health.due()) health.judge_matches(t);
+    }
+  };
+  add(640, MatchResult::matched, 0);
+  REQUIRE(health.sure());
+  add(5000, MatchResult::matched, 10);
+  REQUIRE(health.sure());
+  add(5000, MatchResult::near, 1);
+  CHECK(health.lost());
+}
+
 // Behind a passing object its edge held a marker's pose for 0.5 s: few events beside the edges, by time, were taken for
 // background, but none of those on the edges.
 TEST_CASE("events that lie anywhere near the edges do not speak for the marker, however slowly they come") {

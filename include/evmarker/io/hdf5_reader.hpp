@@ -29,7 +29,7 @@
 namespace evmarker::io {
 
 struct Hdf5ReaderOptions : RecordingOptions {
-  /// Unit of the times where the file names none and the first events may not show it.
+  /// Unit of the times, in the place of what the file names or its first events show.
   std::optional<TimeUnit> time_unit = std::nullopt;
   /// Once it is true, the recording ends.
   const std::atomic<bool>* stop = nullptr;
@@ -90,7 +90,7 @@ class Hdf5Reader final : public CollectingReader {
       throw std::runtime_error(events_.path + ": not all times are numbers");
     const bool whole = std::ranges::all_of(times, [](double t) { return t == std::floor(t); });
     const auto customary = whole ? TimeUnit::microseconds : TimeUnit::seconds;
-    constexpr std::size_t kFew = 10;  // of which the rate shows nothing
+    constexpr std::size_t kFew = 100;  // fewer have no meaningful rate
     if (times.size() < kFew) return customary;
     std::ranges::sort(times);
     const auto units = detail::plausible_units(times, collector_.sensor_size());
@@ -146,7 +146,8 @@ class Hdf5Reader final : public CollectingReader {
   }
 
   [[noreturn]] void fail(const std::string& t) const {
-    throw RecordingError(path_, events_.path + ": t of event " + std::to_string(row_) + " is " + t + ", too large");
+    throw RecordingError(path_, events_.path + ": t of event " + std::to_string(row_) + " is " + t +
+                                    ", no time that microseconds can express");
   }
 
   std::filesystem::path path_;

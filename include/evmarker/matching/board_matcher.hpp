@@ -13,9 +13,9 @@
 
 namespace evmarker {
 
-/// Matches like SegmentMatcher on a board of code markers, each by a GridMatcher of its own. Where the edges of two
-/// markers are both near an event, it is matched only if it would be matched without a look at their second nearest
-/// edges, too: a few events between markers are `ambiguous` here and `matched` there.
+/// Matches like SegmentMatcher on a board of code markers: each marker by a GridMatcher of its own, and then the
+/// results are compared. An event that is ambiguous on one marker stays so, although SegmentMatcher may match it to a
+/// nearer edge of another.
 class BoardMatcher {
  public:
   struct Marker {
@@ -55,6 +55,7 @@ class BoardMatcher {
 
   /// Sets the pose; see SegmentMatcher::project.
   bool project(const Eigen::Isometry3d& T_camera_board) noexcept {
+    ++edge_choices_;
     return place(T_camera_board, [](GridMatcher& matcher, const Eigen::Isometry3d& T) { return matcher.project(T); });
   }
   /// Sets the pose, but keeps which edges events match while that hardly changes, see GridMatcher::move.
@@ -62,7 +63,7 @@ class BoardMatcher {
     return place(T_camera_board,
                  [&](GridMatcher& matcher, const Eigen::Isometry3d& T) { return matcher.move(T, max_shift_px); });
   }
-  /// Changes whenever edges of a marker are chosen at a new pose.
+  /// A counter that changes whenever edges are chosen at a new pose, or no longer can be.
   unsigned edge_choices() const noexcept { return edge_choices_; }
 
   /// The marker to which an event belongs, if only one has edges that may be near it, and that is `on_grid()`; null:
@@ -193,7 +194,10 @@ class BoardMatcher {
       const Eigen::Isometry3d T = T_camera_board * marker.T_board_marker;
       if (!in_front(marker, T)) return fail();
       const bool was_visible = std::exchange(marker.visible, dot(axis(T, 2), translation(T)) < 0);
-      outgrown |= marker.visible != was_visible;
+      if (marker.visible != was_visible) {
+        ++edge_choices_;
+        outgrown = true;
+      }
       if (!marker.visible) continue;
       const unsigned choices = marker.matcher.edge_choices();
       if (!move(marker.matcher, T)) return fail();
@@ -213,6 +217,7 @@ class BoardMatcher {
 
   // No event matches.
   bool fail() noexcept {
+    ++edge_choices_;
     for (Marker& marker : markers_) marker.visible = false;
     set_tiles();
     return false;
@@ -237,9 +242,9 @@ class BoardMatcher {
   MatchResult nearer(MatchResult result, Correspondence& c, MatchResult other_result,
                      const Correspondence& other) const noexcept {
     if (other_result == MatchResult::far) return result;
-    const double none = settings_.max_distance_px;
-    const double px = result == MatchResult::matched ? std::abs(c.distance_px) : none,
-                 other_px = other_result == MatchResult::matched ? std::abs(other.distance_px) : none;
+    const double unmatched = settings_.max_distance_px;  // it is at least as far from that marker's edges
+    const double px = result == MatchResult::matched ? std::abs(c.distance_px) : unmatched,
+                 other_px = other_result == MatchResult::matched ? std::abs(other.distance_px) : unmatched;
     if (result == MatchResult::near && other_result == MatchResult::near) return MatchResult::near;
     const bool ambiguous = result == MatchResult::ambiguous || other_result == MatchResult::ambiguous;
     if (ambiguous || std::abs(px - other_px) < settings_.ambiguity_px) return MatchResult::ambiguous;

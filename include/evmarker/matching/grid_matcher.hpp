@@ -69,7 +69,7 @@ class GridMatcher {
       return true;
     return project(T_camera_marker);
   }
-  /// Changes whenever edges are chosen at a new pose, by `project`, or by `move` beyond its limit.
+  /// A counter that changes whenever edges are chosen at a new pose, by `project`, or by `move` beyond its limit.
   unsigned edge_choices() const noexcept { return edge_choices_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.

@@ -2,11 +2,11 @@
 // Calibration of a board: the places of single markers that were tracked together become one rigid body.
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
 #include <numbers>
-#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -15,6 +15,7 @@
 
 #include "evmarker/base/jackknife.hpp"
 #include "evmarker/base/median.hpp"
+#include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board_adjustment.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -45,27 +46,32 @@ class BoardCalibrator {
   /// @param ids of the markers; the frame of the first is that of the board
   /// @param length of each [m]
   /// @param focal_length [px]
-  /// @throws std::invalid_argument for fewer than two markers, or one that is named twice
+  /// @throws std::invalid_argument for fewer than two markers, one that is named twice, or a length out of range
   BoardCalibrator(std::vector<MarkerId> ids, double length, double focal_length)
       : ids_(std::move(ids)), length_(length), focal_length_(focal_length) {
+    const Require require("board calibrator");
+    require.positive(length, "length");
+    require.positive(focal_length, "focal_length");
     if (ids_.size() < 2) throw std::invalid_argument("board: needs two markers or more");
     for (auto id = ids_.begin(); id != ids_.end(); ++id)
       if (std::find(ids_.begin(), id, *id) != id)
         throw std::invalid_argument("board: marker " + std::to_string(*id) + " is there twice");
   }
 
-  /// Takes the poses of all markers at one time, of which those in state `tracking` are used; of times between which
-  /// nothing moved, the first.
+  /// Takes the poses of all markers at one time. Those in other states than `tracking` are ignored, and so is a time at
+  /// which nothing has moved since the last one that was kept.
   void add(std::span<const PoseEstimate> poses) {
     View view;
+    std::vector<double> trails_px;
     for (std::size_t m = 0; m < ids_.size(); ++m)
       for (const PoseEstimate& pose : poses)
         if (pose.id == ids_[m] && usable(pose)) {
           view.push_back({m, pose.T_camera_marker, whitening(pose)});
-          if (pose.trail_px) trails_px_.push_back(*pose.trail_px);
+          if (pose.trail_px) trails_px.push_back(*pose.trail_px);
         }
     if (view.size() < 2 || (!views_.empty() && alike(views_.back(), view))) return;
     views_.push_back(std::move(view));
+    trails_px_.insert(trails_px_.end(), trails_px.begin(), trails_px.end());
   }
 
   /// How far events lie behind their moving edges, the median over all poses; 0 without any. It is a property of sensor

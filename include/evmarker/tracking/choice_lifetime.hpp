@@ -21,9 +21,6 @@ class ChoiceLifetime {
   /// Counts an update. Returns true if edges must be chosen anew at the pose that it leads to.
   bool count_update() noexcept { return ++updates_ >= most_updates_; }
 
-  /// True if no update has been counted since the edges were chosen.
-  bool fresh() const noexcept { return updates_ == 0; }
-
   /// How many more events may be matched until the edges must be chosen anew.
   /// @param matched since the last update
   int events_left(int events_per_update, int matched) const noexcept {

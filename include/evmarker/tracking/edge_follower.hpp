@@ -99,7 +99,8 @@ class EdgeFollower {
     return (matcher_.grid().on_grid() || matcher_.board() != nullptr) && !polarity_check_;
   }
 
-  /// Takes events of a group from number `first` on, faster than one by one; requires `accepts_groups()`.
+  /// Takes events of a group from number `first` on, faster than one by one; to be called again with the others.
+  /// Requires `accepts_groups()`.
   /// @param after called with the number of each event and its Result; false ends the push after this event
   /// @return the number of the first event that was not taken
   template <typename After>
@@ -108,13 +109,14 @@ class EdgeFollower {
     if (!matcher_.grid().on_grid()) return push_to_board(events, first, after);
     const std::size_t end = std::min(events.count(), first + looked_up_at_once());
     GridMatcher::Choices choices;
+    const unsigned chosen = matcher_.grid().edge_choices();
     matcher_.grid().choose_many(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
       const Vec2 m{events.x[i], events.y[i]};
       const auto choice = matcher_.grid().choice(choices.stretch[i - first], m);
       const Result result = collect(m, events.t[i], events.polarity[i], matcher_.grid(), choice);
       const bool go_on = after(i, result);
-      if (!go_on || choices_outdated_by(result)) return i + 1;
+      if (!go_on || matcher_.grid().edge_choices() != chosen) return i + 1;
     }
     return end;
   }
@@ -152,8 +154,8 @@ class EdgeFollower {
     refresh_twist();
   }
 
-  /// Moves the pose on to a later time by the rule's motion model: without events, but until `pushed_until`, as until
-  /// then all have been pushed.
+  /// Moves the pose on to a later time by the rule's motion model. Until `pushed_until` all events have been pushed, so
+  /// that their number bounds the motion; from there on nothing is known.
   void extrapolate(Timestamp t, Timestamp pushed_until) noexcept requires MotionEstimatingRule<Rule> {
     if constexpr (MotionBoundingRule<Rule>) rule_.advance_by_event_count(T_camera_marker_, pushed_until);
     rule_.extrapolate(T_camera_marker_, t);
@@ -244,9 +246,8 @@ class EdgeFollower {
 
   Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
-  // For how many events to choose edges in one batch: about as many as come before the pose of these choices is
-  // renewed, a quarter more than may be matched until then, in whole lanes. Choices for later ones would be outdated
-  // before use.
+  // For how many events to choose edges in one batch: as many as may still be matched until edges are chosen anew, a
+  // quarter more for those that match none, in whole lanes. Choices for later ones would be outdated before use.
   std::size_t looked_up_at_once() const noexcept {
     const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
@@ -272,23 +273,21 @@ class EdgeFollower {
       if (polarity_check_) twist_ = rule_.twist();
   }
 
-  // The same for a board.
+  // `push` of a group, on a board.
   template <typename After>
   [[gnu::noinline]] std::size_t push_to_board(const EventGroup& events, std::size_t first, const After& after) {
     const std::size_t end = std::min(events.count(), first + looked_up_at_once());
     BoardMatcher::Choices choices;
+    const unsigned chosen = matcher_.edge_choices();
     matcher_.board()->choose_many(events, first, end - first, choices);
     for (std::size_t i = first; i < end; ++i) {
       const Vec2 m{events.x[i], events.y[i]};
       const Result result = collect(m, events.t[i], events.polarity[i], choices, i - first);
       const bool go_on = after(i, result);
-      if (!go_on || choices_outdated_by(result)) return i + 1;
+      if (!go_on || matcher_.edge_choices() != chosen) return i + 1;
     }
     return end;
   }
-
-  // Choices are outdated once they were made at an older pose.
-  bool choices_outdated_by(const Result& result) const noexcept { return result.updated && choice_lifetime_.fresh(); }
 
   [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Choices& choices,
                                         std::size_t i) noexcept {

@@ -51,7 +51,7 @@ class TrackHealth {
 
   /// True once there are enough events for `judge_matches`.
   bool due() const noexcept { return matched_ + near_ >= kJudgedAtOnce; }
-  /// True if `judge_matches` is not due after `events` more events either.
+  /// True if after `events` more events `judge_matches` is still not due.
   bool unchanged_by_next(std::size_t events) const noexcept {
     return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kJudgedAtOnce);
   }
@@ -81,7 +81,8 @@ class TrackHealth {
     const double share_weight = sure() ? (matched_ + near_) / kMemory : 0;
     // While the marker is surely followed, what lies beside its edges is background, from the first measurement on.
     if (sure()) known_us_ = std::min(known_us_ + dt_us, kMemory_us);
-    const double rate_weight = dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kMemory_us);
+    // Events of one time stamp have no rate.
+    const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kMemory_us) : 0;
     usual_share_ =
         std::clamp(usual_share_ + std::min(share_weight, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
     near_per_us_ += rate_weight * (near_ / std::max(dt_us, 1.0) - near_per_us_);
