@@ -282,7 +282,7 @@ TEST_CASE("a judgement cannot come with fewer events than are said to stay") {
     for (const std::size_t more : {std::size_t{1}, std::size_t{9}, std::size_t{63}}) {
       TrackHealth later = health;
       for (std::size_t i = 0; i < more; ++i) later.add(MatchResult::near, 0);
-      CHECK(health.unchanged_by_next(more) == !later.due());
+      CHECK(health.not_due_within(more) == !later.due());
     }
     health.add(events % 2 == 0 ? MatchResult::matched : MatchResult::near, 0);
     health.add(MatchResult::far, 0);

@@ -18,7 +18,7 @@ namespace evmarker {
 /// then on. A flickering lamp makes all pixels of an area fire, which are not hot.
 class HotPixels {
  public:
-  static constexpr std::size_t kEventsPerUpdate = 1024;  ///< at most
+  static constexpr std::size_t kEventsPerUpdate = 1024;  ///< most events between two calls of `update`
 
   explicit HotPixels(SensorSize size)
       : size_(size), counts_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {
@@ -47,10 +47,10 @@ class HotPixels {
  private:
   static constexpr std::size_t kEventsPerSample = 31;  // prime: not in step with a sensor that is read out by rows
   static constexpr unsigned kHot = 12;                 // samples in an epoch
-  static constexpr unsigned kSilent = 1;               // at most
+  static constexpr unsigned kSilent = 1;               // most samples of a silent pixel in an epoch
   static constexpr int kBeside = 2;                    // [px]
-  static constexpr std::uint32_t kEpochs = 16;         // told apart
-  static constexpr std::uint32_t kEpochsHot = 4;       // for which a pixel is hot from then on
+  static constexpr std::uint32_t kEpochs = 16;         // that the four bits in counts_ tell apart
+  static constexpr std::uint32_t kEpochsHot = 4;       // further epochs for which a pixel that was found hot stays so
 
   // Epochs of 0.26 s.
   static std::uint32_t epoch(Timestamp t) noexcept { return static_cast<std::uint32_t>(t >> 18); }
@@ -61,7 +61,7 @@ class HotPixels {
 
   [[gnu::noinline]] bool was_found(const Event& event) const noexcept {
     const std::uint32_t until = hot_until_[index(event.x, event.y)];
-    return until != 0 && until - epoch(event.t) <= kEpochsHot;
+    return until != 0 && until - epoch(event.t) <= kEpochsHot;  // unsigned: huge once `until` has passed
   }
 
   void put_aside(const Event& event) noexcept {
@@ -76,7 +76,7 @@ class HotPixels {
     const unsigned samples = samples_in(pixel, now);
     if (samples + 1 < kHot) {
       counts_[pixel] = static_cast<std::uint8_t>(now % kEpochs << 4U | (samples + 1));
-    } else if (stands_out(event.x, event.y, now)) {
+    } else if (stands_out(event.x, event.y, now)) {  // the count stays: every further sample is judged
       any_ = true;
       hot_until_[pixel] = now + kEpochsHot;
     }

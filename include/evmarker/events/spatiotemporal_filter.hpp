@@ -26,10 +26,10 @@ inline constexpr std::chrono::microseconds kPaperWindow{2000};
 ///
 /// A window means a least speed: neighbouring pixels along the path of an edge fire one after the other, as far apart
 /// in time as the edge needs for a pixel, and the events of an edge that needs longer than the window may be rejected.
-/// The automatic window is 0.01 / r, where r [Hz/px] is the background activity measured so far: a share of 1 - exp(-8
-/// r window) of the noise, one event in thirteen, is accepted. It is at most 50 ms, enough for edges from 20 px/s on;
-/// with a longer one, the events of an edge that passed long ago would support noise. It is at least 0.5 ms, enough for
-/// edges from 2000 px/s on and reached at 20 Hz/px; with a shorter one, even those of faster edges would be rejected.
+/// The automatic window is 0.01 / r, where r [Hz/px] is the background activity measured so far. It accepts a share of
+/// 1 - exp(-8 r window) = 1 - exp(-0.08) of the noise, one event in thirteen. It is at most 50 ms, enough for edges
+/// from 20 px/s on; with a longer one, the events of an edge that passed long ago would support noise. It is at least
+/// 0.5 ms, enough for edges from 2000 px/s on; that is reached at 20 Hz/px of noise.
 class SpatiotemporalFilter {
  public:
   /// @param window `kAutomaticWindow`, or a fixed one of up to 8 minutes
@@ -87,7 +87,8 @@ class SpatiotemporalFilter {
   // sweep sets all times outside of the window to 2^31 us (36 min) from now, whenever time has moved by more than
   // kSweepInterval (18 min) since the last sweep. If it has moved by more than kSweepInterval + window since then, no
   // stored time can be within the window, and all are set. Otherwise a time that the last sweep set to 2^31 us is now
-  // at least 2^31 - (2^30 + window) us away. That must be more than the window: hence the limit of 8 min.
+  // at least 2^31 - (2^30 + window) us away. That must be more than the window, so the window must be shorter than 2^29
+  // us, 8.9 min: hence the limit of 8 min.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;  // [us]
   static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;        // [us], as far as 32 bits can be from a time
 
@@ -107,8 +108,8 @@ class SpatiotemporalFilter {
     swept_at_ = t;
   }
 
-  // Adds a sample to the estimator of background activity, the age of this event, and adapts the window. The age is an
-  // absolute value, as times may step back.
+  // Adds this event's age, the time since the last event in its 3 x 3 pixels, to the estimator of background activity,
+  // and adapts the window. The age is an absolute value, as times may step back.
   [[gnu::noinline]] void sample_background_activity(const Event& event, const std::uint32_t* pixel) noexcept {
     const auto now = static_cast<std::uint32_t>(event.t);
     std::uint32_t age = kFarSide;

@@ -14,7 +14,7 @@
 
 namespace evmarker::io {
 
-/// What the readers share that decode records one by one: a derived class reads pieces into `collector_`.
+/// Base of the readers that decode records one by one: a derived class reads pieces into `collector_`.
 class CollectingReader : public RecordingReader {
  public:
   SensorSize sensor_size() const final { return collector_.sensor_size(); }

@@ -71,7 +71,7 @@ class Hdf5Reader final : public CollectingReader {
     }
   }
 
-  /// The share of the file that holds as many of its events.
+  /// An estimate: the size of the file times the share of its events that were read.
   std::uint64_t bytes_read() const override {
     if (row_ == rows_) return bytes_total_;
     return static_cast<std::uint64_t>(static_cast<double>(bytes_total_) * static_cast<double>(row_) /

@@ -17,7 +17,7 @@
 
 namespace evmarker::io {
 
-/// What the readers share that pass through a file, a pipe or a FIFO once.
+/// Base of the readers that pass through a file, a pipe or a FIFO once.
 class StreamingReader : public CollectingReader {
  public:
   std::uint64_t bytes_read() const final { return bytes_.position(); }

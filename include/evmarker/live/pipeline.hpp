@@ -71,8 +71,8 @@ class Pipeline {
 
   /// Takes in events, in order of camera time. The events of one call stay together; calls of several threads are not
   /// merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits while
-  /// the queue is full; but not in a callback, as only the tracking thread makes room: there, what finds none is
-  /// dropped and counted. A detector or a filter must not push.
+  /// the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which there is
+  /// no room are dropped and counted. A detector or a filter must not push.
   template <std::ranges::contiguous_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events) { intake_.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
@@ -205,7 +205,7 @@ class Pipeline {
         core_->skip_to(block->first_t(), deliver_untimed());
       track(*block);
       progress_.block = block->number();
-      published_.publish(*core_, progress_);  // before its room is free, so that no more waits than there is room for
+      published_.publish(*core_, progress_);  // before the block is given back: queue_depth never exceeds the queue
     } else {
       catch_up();
       deliver_triggers(progress_.block + 1);

@@ -66,8 +66,8 @@ class BoardMatcher {
   /// A counter that changes whenever edges are chosen at a new pose, or no longer can be.
   unsigned edge_choices() const noexcept { return edge_choices_; }
 
-  /// The marker to which an event belongs, if only one has edges that may be near it, and that is `on_grid()`; null:
-  /// none has. Not sure: `match` must decide.
+  /// Sure: the only marker with edges that may be near an event, and it is `on_grid()`; or null, as there is none. Not
+  /// sure: `match` must decide.
   struct MarkerAt {
     bool sure;
     const Marker* marker;

@@ -35,7 +35,7 @@ struct CalibratedMarker {
 struct BoardCalibration {
   std::vector<CalibratedMarker> markers;  ///< in the order in which they were named
   std::size_t views = 0;
-  double residual_px = 0;  ///< root mean square distance of the markers' corners from the board's
+  double residual_px = 0;  ///< root mean square distance between corners as tracked and as the board places them
 };
 
 /// Collects poses of single markers at many times and finds the board on which they are, see BoardAdjustment. A pose
@@ -106,7 +106,7 @@ class BoardCalibrator {
     Eigen::Isometry3d T_from_to;
   };
 
-  static constexpr std::size_t kLeastViews = 20, kMostViews = 1000, kMostTried = 40;
+  static constexpr std::size_t kLeastViews = 20, kMostViews = 1000, kMostLinksTried = 40;
   static constexpr double kMoved_px = 1;  // between two views
   static constexpr double kLeastTurn_rad = 10 * std::numbers::pi / 180;
 
@@ -153,8 +153,8 @@ class BoardCalibrator {
     return kept;
   }
 
-  // Poses on the board to start from: from the first marker on, always the next marker that was most often seen
-  // together with one of those before.
+  // Poses on the board to start from. From the first marker on, the marker is added that was most often seen together
+  // with one that has been placed.
   std::vector<Eigen::Isometry3d> chain(const std::vector<View>& views) const {
     std::vector<Eigen::Isometry3d> poses(ids_.size(), Eigen::Isometry3d::Identity());
     std::vector<bool> placed(ids_.size(), false);
@@ -166,7 +166,7 @@ class BoardCalibrator {
           if (placed[from] && !placed[to])
             if (auto found = links(views, from, to); found.size() > best.size()) best = std::move(found);
       if (best.size() < kLeastViews) throw std::runtime_error(unconnected(views, placed));
-      const Link& link = most_agreed(views, best);
+      const Link& link = link_of_least_median_error(views, best);
       poses[link.to] = poses[link.from] * link.T_from_to;
       placed[link.to] = true;
     }
@@ -187,12 +187,12 @@ class BoardCalibrator {
     return links;
   }
 
-  // Of some of the links, the one by which the second marker is seen nearest to its place in most views: a mirrored
-  // tilt fits only the view that it is from.
-  const Link& most_agreed(const std::vector<View>& views, const std::vector<Link>& links) const {
+  // Of links between the same two markers, at most kMostLinksTried of them, the one that predicts the second marker
+  // with the least median error over all views: a mirrored tilt fits only the view that it is from.
+  const Link& link_of_least_median_error(const std::vector<View>& views, const std::vector<Link>& links) const {
     const Link* best = nullptr;
     double least = std::numeric_limits<double>::infinity();
-    const std::size_t every = (links.size() + kMostTried - 1) / kMostTried;
+    const std::size_t every = (links.size() + kMostLinksTried - 1) / kMostLinksTried;
     for (std::size_t i = 0; i < links.size(); i += every) {
       std::vector<double> errors;
       for (const View& view : views)
@@ -223,7 +223,7 @@ class BoardCalibrator {
     return names + how + ": show them side by side for longer";
   }
 
-  // Where the board is in a view: where that marker says by which all others are seen nearest to their places.
+  // Each marker of a view implies a pose of the board: returns the one with the least sum of distances to all markers.
   Eigen::Isometry3d locate(const View& view, const std::vector<Eigen::Isometry3d>& T_board_marker) const {
     Eigen::Isometry3d best = Eigen::Isometry3d::Identity();
     double least = std::numeric_limits<double>::infinity();
@@ -292,8 +292,8 @@ class BoardCalibrator {
     return result;
   }
 
-  // Of translation and rotation of each marker on the board, by the jackknife; at least those that the scatter of the
-  // residuals gives, as of a marker that is seen in one tenth of the views alone.
+  // Variances of each marker's pose on the board, by the jackknife; but not less than those from the scatter of the
+  // residuals, as the jackknife sees no deviation of a marker whose views all lie in one tenth.
   static std::vector<Vector6d> variances_of(const BoardAdjustment& adjustment) {
     std::vector<Vector6d> variances(adjustment.markers().size(), Vector6d::Zero());
     leave_out_tenths(adjustment.views(), [&](std::vector<BoardView> others) {

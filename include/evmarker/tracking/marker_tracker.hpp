@@ -71,7 +71,7 @@ class MarkerTracker {
   }
 
   /// Takes events and calls `use(pose)` with each pose, valid during the call: the same poses as one by one, and
-  /// faster. While events since a found start are replayed, several with each new one, their last pose only.
+  /// faster. While the events since a found start are replayed, several with each new one, only the last pose of those.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
@@ -117,8 +117,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing length of the gap; it is added to the time of the last event on or near the marker, as having no
-  /// events from then to the gap meant no motion
+  /// @param missing length of the gap, counted from the last event on or near the marker: from then to the gap none
+  /// came, so that it did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
@@ -129,7 +129,7 @@ class MarkerTracker {
     if (!started_) return nullptr;
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
-      if (!starting_ && edges_within_matching_distance(pose_at(t))) {
+      if (!starting_ && vertices_known_to_matching_distance(pose_at(t))) {
         follower_.extrapolate(t, t_);
         verification_.restart(follower_);
         t_ = t;
@@ -185,7 +185,7 @@ class MarkerTracker {
   bool unchanged_by_next(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
     return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
-           health_.unchanged_by_next(events);
+           health_.not_due_within(events);
   }
 
   /// True while the marker is searched around its start pose: the state is `converging`, there is no pose yet.
@@ -295,7 +295,7 @@ class MarkerTracker {
     const int needed = follower_.events_to_fix_pose();
     if constexpr (MotionEstimatingRule<Rule>)
       return (matched_ >= needed || start_search_) &&
-             (matched_ >= 4 * needed || edges_within_matching_distance(estimate()));
+             (matched_ >= 4 * needed || vertices_known_to_matching_distance(estimate()));
     else
       return matched_ >= needed || start_search_;
   }
@@ -371,7 +371,7 @@ class MarkerTracker {
   }
 
   // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.
-  bool edges_within_matching_distance(const PoseEstimate& pose) const noexcept {
+  bool vertices_known_to_matching_distance(const PoseEstimate& pose) const noexcept {
     const double limit2 = settings_.matching.max_distance_px * settings_.matching.max_distance_px;
     return pose.covariance && std::ranges::all_of(model().vertices, [&](const Eigen::Vector3d& vertex) {
              return image_variance(pose, vertex, lines_of_sight_.focal_length()) < limit2;

@@ -12,7 +12,7 @@
 namespace evmarker {
 
 /// The image in tiles, each with the set of markers whose events may lie in it. Markers are numbered from 0. Only the
-/// constructor may throw or allocate, and `resize` beyond its number of markers.
+/// constructor may throw or allocate, and `resize` beyond `max_markers`.
 class TileMap {
  public:
   /// @param max_markers for which `resize` needs no memory
@@ -45,8 +45,8 @@ class TileMap {
   /// Sets where a marker may have events.
   /// @param reach lines of sight (X/Z, Y/Z)
   void move(std::size_t marker, const Box& reach) noexcept {
-    // With a margin, so that small motions change nothing. Half of it is left for the motion by events that wait to be
-    // given to the marker.
+    // With a margin, so that small motions change nothing: kept while half of it is left, by which events that wait to
+    // be given to the marker may still move it, and while it is not too wide by more than another margin.
     const Box before = areas_[marker], now = reach.widened(margin_);
     if (before.contains(reach.widened(margin_ / 2)) && now.widened(margin_).contains(before)) return;
     areas_[marker] = now;

@@ -14,8 +14,8 @@ namespace evmarker {
 
 struct TrackHealthSettings {
   /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes, a
-  /// verification), of giving up a marker that is in fact followed: from full confidence on. From even odds, as after
-  /// `restart`, the bound is its square root.
+  /// verification), of giving up a marker that is followed and had full confidence. With even odds, as after `restart`,
+  /// the bound is its square root.
   double false_alarm_rate = 1e-6;
 };
 
@@ -52,7 +52,7 @@ class TrackHealth {
   /// True once there are enough events for `judge_matches`.
   bool due() const noexcept { return matched_ + near_ >= kJudgedAtOnce; }
   /// True if after `events` more events `judge_matches` is still not due.
-  bool unchanged_by_next(std::size_t events) const noexcept {
+  bool not_due_within(std::size_t events) const noexcept {
     return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kJudgedAtOnce);
   }
 
@@ -78,11 +78,12 @@ class TrackHealth {
                          excess_near * std::log((1 - kChanceShare) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
-    const double share_weight = sure() ? (matched_ + near_) / kMemory : 0;
-    // While the marker is surely followed, what lies beside its edges is background, from the first measurement on.
-    if (sure()) known_us_ = std::min(known_us_ + dt_us, kMemory_us);
+    const double share_weight = sure() ? (matched_ + near_) / kShareMemory : 0;
+    // While the marker is surely followed, what lies beside its edges is background: its rate is the plain mean over
+    // the time that it is known for. Before that, it is averaged over kRateMemory_us.
+    if (sure()) known_us_ = std::min(known_us_ + dt_us, kRateMemory_us);
     // Events of one time stamp have no rate.
-    const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kMemory_us) : 0;
+    const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kRateMemory_us) : 0;
     usual_share_ =
         std::clamp(usual_share_ + std::min(share_weight, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
     near_per_us_ += rate_weight * (near_ / std::max(dt_us, 1.0) - near_per_us_);
@@ -138,8 +139,8 @@ class TrackHealth {
   static constexpr double kChanceShare =
       1.0 / 3;  // of evenly spread events within three matching distances, those that match
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
-  static constexpr double kMemory = 50000;  // [events]
-  static constexpr double kMemory_us = 500000;
+  static constexpr double kShareMemory = 50000;     // of usual_share_ [events]
+  static constexpr double kRateMemory_us = 500000;  // of near_per_us_
 
   double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
   double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
@@ -167,7 +168,7 @@ class TrackHealth {
   double t_us_ = 0;             // of that
   double usual_share_ = 0.9;    // of the events near edges that lie on them
   double near_per_us_ = 0;      // usual rate of the others
-  double known_us_ = 0;         // for how long that has been measured, limited to kMemory_us
+  double known_us_ = 0;         // for how long that has been measured, limited to kRateMemory_us
 };
 
 }  // namespace evmarker

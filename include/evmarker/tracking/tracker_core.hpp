@@ -29,15 +29,15 @@
 namespace evmarker {
 
 /// A `Tracker` without its detector, for those who run the detector elsewhere: it says when a detection is due, and
-/// takes the result whenever that is there. Between detections nothing throws, and nothing allocates but in the case at
-/// `poses_`.
+/// takes the result whenever that is there. Between detections nothing throws, and nothing allocates unless nearly
+/// every event updates several overlapping markers.
 ///
 /// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
 /// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
 /// would remove the first ones of a slow edge. Nothing gets those of hot pixels, see HotPixels.
 ///
-/// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. After
-/// a time in which even the noise has stopped, see NoiseFloor, the events of that time are missing, see `skip_to`.
+/// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. A time
+/// in which even the noise stops, see NoiseFloor, is a gap in which events were lost, as one told by `skip_to`.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -61,7 +61,8 @@ class TrackerCore {
         poses_(settings.max_markers + kBetweenChecks) {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
-    // From one request of a detection to the next, the markers that there were may be lost, and those of the result.
+    // From one request of a detection to the next: those that were missing before, those lost until the result, and
+    // those that it adds.
     missing_.reserve(3 * settings.max_markers);
   }
 
@@ -173,7 +174,7 @@ class TrackerCore {
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
-  static constexpr std::uint64_t kForEver = 1000000000;  // [us]
+  static constexpr std::uint64_t kForEver = 1000000000;  // [us]: after longer gaps, nothing is known
   static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached

@@ -34,7 +34,7 @@ struct ErrorCovariance {
   [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     using Column = simd::Pack<12, kBits>;
     const double carried = motion.pose_by_velocity, kept = motion.velocity_kept;
-    const auto moved = [&](const double* numbers) __attribute__((always_inline)) {
+    const auto F_times = [&](const double* numbers) __attribute__((always_inline)) {
       Column column(numbers);
       const Column velocity = column.second_half();
       column.scale_second_half(kept);
@@ -44,7 +44,7 @@ struct ErrorCovariance {
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < 6; ++k) {
       const auto i = static_cast<Eigen::Index>(k);
-      Column pose = moved(&xx(0, i)), velocity = moved(&xx(0, 6 + i));
+      Column pose = F_times(&xx(0, i)), velocity = F_times(&xx(0, 6 + i));  // of F P; now times F^T
       pose.add(carried, velocity);
       velocity.scale(kept);
       pose.add_at(k, motion.q_pose * q[k]);
@@ -54,7 +54,7 @@ struct ErrorCovariance {
       pose.store(&xx(0, i));
       velocity.store(&xx(0, 6 + i));
     }
-    for (Vector12d& column : xb) moved(column.data()).store(column.data());
+    for (Vector12d& column : xb) F_times(column.data()).store(column.data());
   }
 
   /// Makes xx symmetric, from which rounding takes it.

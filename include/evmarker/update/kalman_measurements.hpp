@@ -25,7 +25,7 @@ class KalmanMeasurements {
     ++count_;
   }
 
-  /// Adds the measurements in the first `count` lanes; the other lanes must be finite.
+  /// Adds the measurements in the first `count` lanes.
   [[gnu::always_inline]] void add(const std::array<simd::Lanes, MeasurementRows::kNumbers>& rows,
                                   const simd::Lanes& weights, std::size_t count) noexcept {
     if (waiting_ + simd::kLanes > kMost) add_squares();
@@ -47,8 +47,8 @@ class KalmanMeasurements {
 
   /// Corrects an error state and its covariance by all measurements; to be followed by `clear`.
   /// @param information inverse variance of a measurement of weight 1
-  /// @return false, and nothing has changed, if the covariance was not positive definite or the measurements were not
-  /// finite; true if there are no measurements
+  /// @return false, and nothing has changed, if none could be applied: the covariance was not positive definite, or the
+  /// measurements were not finite; true if at least one was, or if there are none
   [[gnu::noinline]] bool correct(ErrorCovariance& P, ErrorState& error, double information) noexcept {
     if (count_ == 0) return true;
     if (count_ > kFew) {
@@ -76,8 +76,8 @@ class KalmanMeasurements {
   static constexpr int kFew = 12;             // measurements; by timing, more are faster condensed
   static constexpr double kRounding = 1e-14;  // relative error that rounding may leave of a sum of squares
 
-  // Applies `kCount` measurements, or one by one those that can be if they cannot be applied together. Returns false if
-  // none was.
+  // Applies `kCount` measurements together; if that fails, one by one, without those that fail again. Returns false if
+  // none was applied.
   template <std::size_t kCount, std::size_t kBits>
   [[gnu::always_inline]] bool apply(std::size_t first, double information, ErrorCovariance& P,
                                     ErrorState& error) const noexcept {

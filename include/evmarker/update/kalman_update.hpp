@@ -139,7 +139,7 @@ class KalmanUpdate {
 
   /// Switches on the bound of the motion by the number of events.
   /// @param per_px events that all edges together make while they move by a pixel
-  /// @param per_passage of these, the events that one pixel makes while an edge passes over it
+  /// @param per_passage events that one pixel makes while an edge passes over it
   void bound_motion_by_events(double per_px, double per_passage) noexcept {
     events_per_px_ = per_px;
     events_per_passage_ = per_passage;
@@ -148,7 +148,7 @@ class KalmanUpdate {
   /// Corrects the state, the pose and twist included, by a measurement of the trail with a standard deviation of a
   /// quarter of its value. The trail follows from the edge's width, which the spread of the residuals shows. Forgets
   /// the events since the last update.
-  /// @param events_per_passage events per area that edges sweep in the image: as many as a pixel makes in a passage
+  /// @param events_per_passage events that one pixel makes while an edge passes over it
   void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_passage) noexcept {
     forget_events();
     // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
@@ -369,9 +369,9 @@ class KalmanUpdate {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
-  // The process noise of a step, but no more than moves the edges to the bound of `limit_motion`, or turns the marker
-  // ten times: after a pause of years nothing is less known. Beside variances as large as its length would make them,
-  // rounding would leave a covariance that is not definite.
+  // The process noise of a step, limited to the bound of `limit_motion` and to ten turns of the marker: then nothing is
+  // known any more, and beside the larger variances of a pause of years rounding would leave a covariance that is not
+  // definite.
   MotionStep bounded(MotionStep motion, double acceleration) const noexcept {
     constexpr double kTenTurns = 20 * std::numbers::pi;
     const double lever2 = scales_known_ ? std::max(scales_.lever2, kSmallestLever2) : kInfinity;
@@ -400,7 +400,8 @@ class KalmanUpdate {
   Vec6 predict_state(double after_pose_s) noexcept {
     const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
     lead_s_ = 0;
-    // Updates at the same time, or, after reverse(), back at the state's own time: nothing to predict.
+    // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
+    // goes back to it.
     if (dt == 0) return -moved_already * twist_;
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = bounded(this->motion(dt), q[0]);

@@ -7,9 +7,9 @@
 
 namespace evmarker {
 
-/// Adapts the process noise of a filter with a velocity: what accelerates the marker shows as corrections of its
-/// velocity in one direction, while those by the noise of the events cancel. A calm motion then averages over many
-/// events, and a sudden one is followed as if nothing were known.
+/// Adapts the process noise of a filter with a velocity: an acceleration of the marker makes the corrections of the
+/// velocity point in one direction, while those made by the noise of the events cancel. A calm motion then averages
+/// over many events, and a sudden one is followed as if nothing were known.
 class MotionNoise {
  public:
   /// Adds a correction of the velocity [m/s, rad/s].
@@ -23,16 +23,19 @@ class MotionNoise {
   }
 
   /// Density of the white acceleration along each axis [m^2/s^3].
-  /// @param usual where nothing is known, at first and after a pause; never more
+  /// @param usual upper limit; also the result where nothing is known: at first, and after a pause longer than the
+  /// window
   double translation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.t)); }
   /// The same for rotation [rad^2/s^3].
   double rotation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.r)); }
 
  private:
-  // An acceleration that holds for the window, as a white one: chosen on seed 9101 of nine scenarios of the accuracy
-  // benchmark, where 10 to 30 make little difference.
+  // The density of white acceleration is kGain * window * (mean acceleration)^2. Chosen on seed 9101 of nine scenarios
+  // of the accuracy benchmark, where 10 to 30 make little difference.
   static constexpr double kGain = 20;
-  static constexpr double kLeast = 0.05;  // of the usual noise; more than that would feed on itself
+  // Of the usual noise, the lower limit; the usual one itself is the upper: a larger gain makes larger corrections, and
+  // these would raise the noise again.
+  static constexpr double kLeast = 0.05;
   static constexpr double kWindowsToLearn = 3;
 
   double adapted(double usual, double acceleration2) const noexcept {
