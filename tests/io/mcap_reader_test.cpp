@@ -140,7 +140,7 @@ TEST_CASE("McapReader: cut at any byte, it yields every whole message before the
   }
 }
 
-TEST_CASE("McapReader: the topic that is chosen, or the only one of events; else those that are there are listed") {
+TEST_CASE("McapReader: the topic that is chosen, or the only one of events, else those that are there are listed") {
   const TemporaryFolder folder;
   const Event left{1, 2, 1, 5}, right{3, 4, 0, 6};
   const std::string channels = mcap_channel(1, "/left", "dvs_msgs/msg/EventArray") +

@@ -87,7 +87,7 @@ TEST_CASE("Rosbag2Reader: what was cut off is an error, once all messages before
   CHECK(before > events.size() * 9 / 10);
 }
 
-TEST_CASE("Rosbag2Reader: the topic that is chosen, or the only one of events; else those that are there are listed") {
+TEST_CASE("Rosbag2Reader: the topic that is chosen, or the only one of events, else those that are there are listed") {
   const TemporaryFolder folder;
   const Event left{1, 2, 1, 5}, right{3, 4, 0, 6};
   const auto path = folder / "a.db3";

@@ -78,7 +78,7 @@ TEST_CASE("RosbagReader: cut at any byte, it yields every whole message before t
   }
 }
 
-TEST_CASE("RosbagReader: the topic that is chosen, or the only one of events; else those that are there are listed") {
+TEST_CASE("RosbagReader: the topic that is chosen, or the only one of events, else those that are there are listed") {
   const TemporaryFolder folder;
   const Event left{1, 2, 1, 5}, right{3, 4, 0, 6};
   const std::string of_left = bag_connection(0, "/left", "dvs_msgs/EventArray"),
