@@ -686,7 +686,7 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless the board 
   REQUIRE_MESSAGE(stretched.code == 0, stretched.err);
   CHECK(number_after(stretched.out, "distances between the markers: ") == doctest::Approx(1).epsilon(0.003));
 
-  const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.4" + simulate);
+  const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.6" + simulate);
   REQUIRE_MESSAGE(still.code == 0, still.err);
   const Result refused = run(folder, "calibrate s.raw --board grid.yml --output none.yml --quiet");
   CHECK(refused.code == 2);
