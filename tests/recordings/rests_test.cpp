@@ -108,6 +108,8 @@ TEST_CASE("a marker that rests keeps pose, covariance and health, and is followe
                          one.after.rotation_deg().max < 5 && one.tracker.state() == TrackingState::tracking);
       }
     }
+  REQUIRE(lost_at_start < cases / 4);
+  if (kSanitized) return;  // these are shares of four motions together; of one, they vary
   CAPTURE(cases);
   CHECK(lost_at_start <= cases / 24);
   CHECK(wrong_at_rest <= cases / 8);

@@ -39,7 +39,8 @@ class Bz2Decompressor final : public Decompressor {
     stream_.avail_out = static_cast<unsigned>(std::min(output.size(), most));
     const unsigned in = stream_.avail_in, out = stream_.avail_out;
     const int result = BZ2_bzDecompress(&stream_);
-    if (result != BZ_OK && result != BZ_STREAM_END) throw std::runtime_error("bzip2: garbled, error " + std::to_string(result));
+    if (result != BZ_OK && result != BZ_STREAM_END)
+      throw std::runtime_error("bzip2: garbled, error " + std::to_string(result));
     const Step step{in - stream_.avail_in, out - stream_.avail_out, result == BZ_STREAM_END};
     if (step.complete) {  // it decompresses one stream alone
       BZ2_bzDecompressEnd(&stream_);
