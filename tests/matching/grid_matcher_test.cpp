@@ -82,7 +82,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   GridMatches matches;
   matches.count = static_cast<std::size_t>(random.integer(1, simd::kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
-  for (std::size_t i = 0; i < matches.count; ++i) matches.set(i, m, 7, -1, 0, *careful.edge);
+  for (std::size_t i = 0; i < matches.count; ++i) matches.set(i, m, 7, -1, 0, 0, *careful.edge);
   Correspondences c;
   evmarker::correspond(
       matches, [&](std::size_t) -> const auto& { return grid.projected(); }, grid.focal_length(), c);

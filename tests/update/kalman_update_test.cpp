@@ -132,7 +132,7 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
   const auto vector = [&](double scale) {
     return Vector3d(scale * Vector3d(unit(random), unit(random), unit(random)));
   };
-  const KalmanSettings settings{.latency_sigma_s = 1e-9, .trail_sigma_px = 1e-9, .covariance_scale = 1};
+  const KalmanSettings settings{.latency_sigma_s = 1e-9, .covariance_scale = 1};
   const Vector6d sigma0 =
       step(Vector3d::Constant(settings.initial_sigma_t_m), Vector3d::Constant(settings.initial_sigma_r_rad));
   const Matrix6d P0 = sigma0.cwiseAbs2().asDiagonal();
@@ -199,7 +199,7 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
 }
 
 TEST_CASE("many events, taken one by one or all at once: the textbook's gain of the stacked measurements") {
-  const KalmanSettings settings{.latency_sigma_s = 1e-9, .trail_sigma_px = 1e-9, .covariance_scale = 1};
+  const KalmanSettings settings{.latency_sigma_s = 1e-9, .covariance_scale = 1};
   const Isometry3d T = facing_pose({0.05, -0.02, 0.6}, {0.2, -0.3, 0.1});
   Eigen::Matrix<double, 8, 8> P0 = Eigen::Matrix<double, 8, 8>::Zero();
   P0.diagonal() << Vector3d::Constant(std::pow(settings.initial_sigma_t_m, 2)),
@@ -834,7 +834,6 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"offset_drift_px", &KalmanSettings::offset_drift_px},
       {"rotation_share", &KalmanSettings::rotation_share},
       {"latency_sigma_s", &KalmanSettings::latency_sigma_s},
-      {"trail_sigma_px", &KalmanSettings::trail_sigma_px},
       {"covariance_scale", &KalmanSettings::covariance_scale},
       {"initial_sigma_t_m", &KalmanSettings::initial_sigma_t_m},
       {"initial_sigma_r_rad", &KalmanSettings::initial_sigma_r_rad},
@@ -843,7 +842,7 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
       {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px},
       {"initial_trail_px", &KalmanSettings::initial_trail_px}};
-  static_assert(sizeof(KalmanSettings) == 17 * sizeof(double));  // none is left out
+  static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

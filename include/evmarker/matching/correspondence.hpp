@@ -30,15 +30,16 @@ struct Correspondence {
 /// Up to eight events matched at one pose, with one array for each component of their `Correspondence`. Normals point
 /// to the dark sides of the edges, which must be known. Lanes from `count` on are finite, but mean nothing.
 struct alignas(64) Correspondences {
-  simd::Lanes t;              ///< [us]
-  simd::Lanes polarity;       ///< 1 ON, -1 OFF, 0 unknown
-  simd::Lanes distance_px;    ///< Eq. (1)
-  simd::Lanes M_x, M_y;       ///< line of sight (x, y; 1), Eq. (2)
-  simd::Lanes F_x, F_y, F_z;  ///< point on the line of sight, Eq. (3)
-  simd::Lanes E_x, E_y, E_z;  ///< point on the segment, Eq. (4)
-  simd::Lanes g_x, g_y, g_z;  ///< derivative by E of the place of E's image along the edge's normal [px/m]
-  simd::Lanes from_end_px2;   ///< as in Correspondence
-  simd::Lanes is_event;       ///< 1 for events, 0 in the lanes from `count` on
+  simd::Lanes t;                          ///< [us]
+  simd::Lanes polarity;                   ///< 1 ON, -1 OFF, 0 unknown
+  simd::Lanes distance_px;                ///< Eq. (1)
+  simd::Lanes M_x, M_y;                   ///< line of sight (x, y; 1), Eq. (2)
+  simd::Lanes F_x, F_y, F_z;              ///< point on the line of sight, Eq. (3)
+  simd::Lanes E_x, E_y, E_z;              ///< point on the segment, Eq. (4)
+  simd::Lanes g_x, g_y, g_z;              ///< derivative by E of the place of E's image along the edge's normal [px/m]
+  simd::Lanes from_end_px2;               ///< as in Correspondence
+  simd::Lanes is_event;                   ///< 1 for events, 0 in the lanes from `count` on
+  std::array<int, simd::kLanes> segment;  ///< as in Correspondence
   std::size_t count = 0;
 
   /// Sets `count`, at most eight, and `is_event`.

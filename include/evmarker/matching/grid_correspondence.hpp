@@ -73,10 +73,12 @@ struct GridMatches {
   alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};  ///< line of sight (x, y; 1), time [us], 1 ON, -1 OFF, 0 unknown
   alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
   std::array<std::size_t, simd::kLanes> grid{};                       ///< number of the grid
+  std::array<int, simd::kLanes> segment{};                            ///< as in Correspondence
   std::size_t count = 0;
 
   /// Writes entry i; does not change `count`.
-  void set(std::size_t i, Vec2 m, Timestamp time, double sign, std::size_t number_of_grid,
+  /// @param first_segment of the grid, among those of the model
+  void set(std::size_t i, Vec2 m, Timestamp time, double sign, std::size_t number_of_grid, int first_segment,
            const GridEdges::Stretch& edge) noexcept {
     x[i] = m.x;
     y[i] = m.y;
@@ -88,6 +90,7 @@ struct GridMatches {
     end[i] = edge.end;
     dark[i] = edge.dark;
     grid[i] = number_of_grid;
+    segment[i] = first_segment + edge.segment;
   }
 };
 
@@ -124,6 +127,7 @@ template <typename LineOf>
     c.g_y[i] = geometry.gradient.y;
     c.g_z[i] = geometry.gradient.z;
   }
+  c.segment = matches.segment;
   c.set_count(matches.count);
 }
 

@@ -314,7 +314,7 @@ class EdgeFollower {
     }
     if (adds_in_batches_) {
       ++offered_;
-      waiting_.set(waiting_.count++, m, t, polarity, number, *choice.edge);
+      waiting_.set(waiting_.count++, m, t, polarity, number, first_segment, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
       if (waiting_.count == simd::kLanes) add_waiting();
       return {choice.result, enough && update(t), first_segment + choice.edge->segment};

@@ -21,14 +21,13 @@ struct KalmanSettings {
   double rotation_share = 0.5;
   double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
   double offset_drift_px = 0.025;   ///< random walk of the edge offset and of the trail [px per square root of s]
-  /// Standard deviation of the sensor's unknown delay [s]. It shifts the pose along its motion, which the filter cannot
-  /// observe; used in the reported covariance only.
-  double latency_sigma_s = 2e-4;
-  /// The same for the unknown part of the trail [px].
-  double trail_sigma_px = 0.1;
+  /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
+  /// reported covariance only, beside the response time that is measured, see ResponseTime.
+  double latency_sigma_s = 1e-4;
   /// Factor from the filter's own covariance to the reported one. The noise above is larger than the average noise, so
-  /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests.
-  double covariance_scale = 0.2;
+  /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests. Errors that
+  /// all events of an edge share are added, see EdgeScatter.
+  double covariance_scale = 0.08;
   // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail.
   double initial_sigma_t_m = 0.01;
   double initial_sigma_r_rad = 0.1;
@@ -50,7 +49,6 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.velocity_memory_s, "velocity_memory_s");
   require.positive(settings.offset_drift_px, "offset_drift_px");
   require.positive(settings.latency_sigma_s, "latency_sigma_s");
-  require.positive(settings.trail_sigma_px, "trail_sigma_px");
   require.positive(settings.covariance_scale, "covariance_scale");
   require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
   require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");

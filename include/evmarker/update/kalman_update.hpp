@@ -9,9 +9,11 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
+#include "evmarker/update/edge_scatter.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
 #include "evmarker/update/motion_noise.hpp"
+#include "evmarker/update/response_time.hpp"
 #include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
@@ -57,6 +59,8 @@ class KalmanUpdate {
     // none of its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
+    edges_.add(c.segment, of_event.row[kResidual], of_event.weight);
+    if (++sampled_ % kSampled == 0) sample(of_event.row, of_event.weight);
     sums_.residual2 += of_event.residual2;
     sums_.lever2 += of_event.lever2;
     sums_.gradient2 += of_event.gradient2;
@@ -85,6 +89,10 @@ class KalmanUpdate {
     }
     if (!(simd::sum(product) < kInfinity)) return;
     measurements_.add(rows, weights, c.count);
+    for (std::size_t i = 0; i < c.count; ++i) edges_.add(c.segment[i], rows[kResidual][i], weights[i]);
+    MeasurementRow sampled;
+    for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) sampled[k] = rows[k][0];
+    sample(sampled, weights[0]);
     sums_.residual2 += simd::sum(residual2);
     sums_.lever2 += simd::sum(lever2);
     sums_.gradient2 += simd::sum(gradient2);
@@ -103,6 +111,8 @@ class KalmanUpdate {
     const int count = measurements_.count();
     const double mean_dt = count > 0 ? std::min(1e-6 * sums_.since_us / count, dt) : dt;
     if (count > 0) update_running_means(count);
+    if (events_per_px_ > 0) moved_px_ += count / events_per_px_;
+    if (moved_px_ > kEvaluationSpreads * std::sqrt(spread2_px_)) evaluate_residuals();
     t_us_ = static_cast<double>(t);
     limit_motion(count, dt);
     // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
@@ -151,9 +161,7 @@ class KalmanUpdate {
   /// @param events_per_passage events that one pixel makes while an edge passes over it
   void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_passage) noexcept {
     forget_events();
-    // Events lie evenly over the edge's width, variance w^2 / 12, and each is known to a pixel only.
-    const double width_px = std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
-    const double trail_px = expected_trail_px(width_px, events_per_passage), sigma_px = 0.25 * trail_px;
+    const double trail_px = expected_trail_px(edge_width_px(), events_per_passage), sigma_px = kTrailError * trail_px;
     MeasurementRow row{};
     row[6 + kTrail] = 1;
     row[6 + kBiases] = trail_px - bias_px_[kTrail];
@@ -197,16 +205,14 @@ class KalmanUpdate {
     for (int k = 0; k < 6; ++k)
       for (int i = 0; i < 6; ++i) P(i, k) = P_.xx(i, k);
     if (lead_s_ != 0) add_motion(P, lead_s_);
-    const double speed = this->speed(rotation_speed());
-    // An unknown delay of variance delay_s2 shifts the pose along its twist: P = covariance_scale P + delay_s2 twist
-    // twist^T. The uncertainty of the trail is such a delay, too, by the speed of the edges in the image.
-    const double trail_s = speed > 0 ? settings_.trail_sigma_px / (std::sqrt(scales_.gradient2) * speed) : 0;
-    const double delay_s2 = squared(settings_.latency_sigma_s) + trail_s * trail_s;
+    // An unknown delay of variance delay_s2 shifts the pose along its twist.
+    const double delay_s2 = delay_variance_s2();
     const std::array<double, 6> twist = twist_.array(), delayed = (delay_s2 * twist_).array();
+    const Matrix6d& by_edges = edges_.covariance();
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) {
         double& element = P.data()[6 * k + i];
-        element = settings_.covariance_scale * element + twist[k] * delayed[i];
+        element = settings_.covariance_scale * element + by_edges.data()[6 * k + i] + twist[k] * delayed[i];
       }
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
@@ -224,8 +230,14 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kOffset = 0, kTrail = 1;  // biases
-  static constexpr double kPixelVariance = 1.0 / 12;     // of a coordinate that is rounded to whole pixels [px^2]
-  static constexpr double kSmallestLever2 = 1e-8;        // [m^2]
+  static constexpr std::size_t kResidual = 6 + kBiases;  // in a row
+  static constexpr unsigned kSampled = simd::kLanes;     // one of so many events is sampled
+  // Motion between evaluations of the residuals, in standard deviations of the events' places: two to three times the
+  // width of an edge.
+  static constexpr double kEvaluationSpreads = 8;
+  static constexpr double kPixelVariance = 1.0 / 12;  // of a coordinate that is rounded to whole pixels [px^2]
+  static constexpr double kTrailError = 0.25;         // relative, of the trail that the edge's width tells
+  static constexpr double kSmallestLever2 = 1e-8;     // [m^2]
   // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
   // fifth is enough to tell the trail by edges that move along themselves.
   static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
@@ -285,6 +297,39 @@ class KalmanUpdate {
     // from other events.
     bias_px_[kOffset] = std::clamp(bias_px_[kOffset] + error.b[kOffset], 0.0, max_offset_px());
     bias_px_[kTrail] = std::max(0.0, bias_px_[kTrail] + error.b[kTrail]);
+  }
+
+  [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight) noexcept {
+    edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
+    const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
+    response_time_.add(row[kResidual], dot(by_translation, twist_.t) + dot(by_rotation, twist_.r));
+  }
+
+  [[gnu::noinline]] void evaluate_residuals() noexcept {
+    edges_.evaluate();
+    response_time_.evaluate();
+    moved_px_ = 0;
+  }
+
+  // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only.
+  double edge_width_px() const noexcept {
+    return std::sqrt(12 * std::max(spread2_px_ - kPixelVariance, kPixelVariance));
+  }
+
+  // Variance of the time by which the pose is late, of which the filter itself knows nothing: motion alone cannot tell
+  // it from another pose.
+  double delay_variance_s2() const noexcept {
+    const double px_per_s = std::sqrt(scales_.gradient2) * speed(rotation_speed());
+    const double trail_s2 = px_per_s > 0 ? trail_variance_px2() / (px_per_s * px_per_s) : 0;
+    return squared(settings_.latency_sigma_s) + response_time_.variance_s2() + trail_s2;
+  }
+
+  // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the
+  // difference. Where it is not known which side of an edge is dark, the filter does not correct it.
+  double trail_variance_px2() const noexcept {
+    if (!(events_per_px_ > 0)) return 0;  // before it is measured, the filter's own covariance has it
+    const double expected_px = expected_trail_px(edge_width_px(), events_per_passage_);
+    return squared(kTrailError * expected_px) + squared(edges_.dark_sides_known() * bias_px_[kTrail] - expected_px);
   }
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
@@ -436,8 +481,12 @@ class KalmanUpdate {
   struct Sums {
     double residual2 = 0, lever2 = 0, gradient2 = 0, since_us = 0;
   };
-  Sums sums_;          // over the events since the last update; since_us: of their times after it
-  double lead_s_ = 0;  // from the filter's state, which is at the mean time of its last events, to the pose
+  Sums sums_;  // over the events since the last update; since_us: of their times after it
+  EdgeScatter edges_;
+  ResponseTime response_time_;
+  unsigned sampled_ = 0;  // events added one by one
+  double moved_px_ = 0;   // by the edges, since the residuals were evaluated
+  double lead_s_ = 0;     // from the filter's state, which is at the mean time of its last events, to the pose
   double t_us_ =
       kInfinity;  // time of the pose [us], exact to 2^53; infinite before the first update: us_since_update() is 0
 };

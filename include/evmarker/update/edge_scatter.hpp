@@ -1,0 +1,96 @@
+#pragma once
+// How far errors that all events of an edge share shift the pose.
+#include <Eigen/Cholesky>
+#include <array>
+#include <cstddef>
+
+#include "evmarker/base/vector.hpp"
+#include "evmarker/model/pose_estimate.hpp"
+
+namespace evmarker {
+
+/// Measures the errors of whole edges: ink that has spread, an offset that depends on contrast, corners that are round,
+/// a lens that its calibration does not quite describe. They do not average out over events, so that a filter which
+/// takes events for independent is too sure of its pose. What they do to the pose follows from the means of the
+/// residuals of each edge, as in the cluster-robust ("sandwich") covariance of a regression.
+class EdgeScatter {
+ public:
+  static constexpr std::size_t kStates = 7;  ///< of a row: pose and edge offset
+  using Row = std::array<double, kStates>;   ///< derivative of a residual by pose and edge offset
+
+  /// Adds the residual of an event.
+  /// @param edge its number; edges whose numbers are equal modulo 64 count as one
+  [[gnu::always_inline]] void add(int edge, double residual_px, double weight) noexcept {
+    Edge& of = edges_[static_cast<std::size_t>(edge) % kEdges];
+    of.sum += weight * residual_px;
+    of.weight += weight;
+  }
+
+  /// Adds the row of an event. It need not be that of every event, only a fair sample.
+  void add_row(const Row& row, double weight) noexcept {
+    for (std::size_t k = 0; k < kStates; ++k)
+      for (std::size_t i = 0; i <= k; ++i) rows_[k][i] += weight * row[k] * row[i];
+    rows_weight_ += weight;
+  }
+
+  /// Evaluates what has been added, and begins anew: to be called when the edges have moved by several times their
+  /// width, so that the events on both sides of them have cancelled.
+  void evaluate() noexcept {
+    double squares = 0, weight = 0, weight2 = 0;
+    for (const Edge& edge : edges_) {
+      if (!(edge.weight > 0)) continue;
+      squares += edge.sum * edge.sum / edge.weight;
+      weight += edge.weight;
+      weight2 += edge.weight * edge.weight;
+    }
+    if (weight > 0 && rows_weight_ > 0) {
+      const double variance = squares / weight;
+      variance_px2_ = known_ ? variance_px2_ + kShare * (variance - variance_px2_) : variance;
+      known_ = true;
+      spread_to_pose(variance_px2_ * weight2 / (weight * weight));
+    }
+    edges_ = {};
+    rows_ = {};
+    rows_weight_ = 0;
+  }
+
+  /// Covariance of the pose by the errors of the edges, order as in PoseEstimate; zero until the first evaluation.
+  const Matrix6d& covariance() const noexcept { return covariance_; }
+  /// Mean squared error of an edge, along its normal [px^2].
+  double variance_px2() const noexcept { return variance_px2_; }
+  /// Share of the events of which it is known on which side their edge is dark.
+  double dark_sides_known() const noexcept { return dark_sides_known_; }
+
+ private:
+  static constexpr std::size_t kEdges = 64;
+  static constexpr double kShare = 0.25;    // of an evaluation in the running mean of the variance
+  static constexpr double kNothing = 1e-6;  // information of an offset that no event tells, beside 1 of one that all do
+
+  // k edges whose errors have variance v: the pose errs as if it had been found by k measurements of variance v.
+  void spread_to_pose(double variance_over_edges) noexcept {
+    using Matrix = Eigen::Matrix<double, kStates, kStates>;
+    Matrix information;
+    for (std::size_t k = 0; k < kStates; ++k)
+      for (std::size_t i = 0; i <= k; ++i)
+        information(static_cast<int>(k), static_cast<int>(i)) = information(static_cast<int>(i), static_cast<int>(k)) =
+            rows_[k][i] / rows_weight_;
+    dark_sides_known_ = information(kStates - 1, kStates - 1);
+    information(kStates - 1, kStates - 1) += kNothing;
+    const Eigen::LLT<Matrix> root(information);
+    const Matrix inverse = root.solve(Matrix::Identity());
+    if (root.info() == Eigen::Success && inverse.allFinite())
+      covariance_ = variance_over_edges * inverse.topLeftCorner<6, 6>();
+  }
+
+  struct Edge {
+    double sum = 0, weight = 0;
+  };
+  std::array<Edge, kEdges> edges_{};
+  std::array<Row, kStates> rows_{};  // sum of weight row row^T, lower triangle
+  double rows_weight_ = 0;
+  double variance_px2_ = 0, dark_sides_known_ = 0;
+  bool known_ = false;
+  Matrix6d covariance_ = Matrix6d::Zero();
+};
+
+}  // namespace evmarker
