@@ -112,6 +112,13 @@ class EventColumns {
   IntegerColumn x_, y_, t_, p_;
 };
 
+/// @throws py::type_error for any other object
+inline py::array require_array(const py::object& events) {
+  if (py::isinstance<py::array>(events)) return events.cast<py::array>();
+  throw py::type_error("events: " + py::str(py::type::of(events).attr("__name__")).cast<std::string>() +
+                       " is no NumPy array; there must be one with the fields x, y, t and p");
+}
+
 /// The field of a structured array that has one of two names.
 /// @throws std::invalid_argument where it has none
 inline py::array field(const py::array& events, const char* name, const char* other_name) {
@@ -130,12 +137,14 @@ class EventArray {
   explicit EventArray(const py::array& events) {
     const bool of_events = py::isinstance<py::array_t<evmarker::Event>>(events) && events.ndim() == 1;
     const bool dense = of_events && (events.strides(0) == sizeof(evmarker::Event) || events.shape(0) < 2);
-    if (dense && reinterpret_cast<std::uintptr_t>(events.data()) % alignof(evmarker::Event) == 0)
+    if (dense && reinterpret_cast<std::uintptr_t>(events.data()) % alignof(evmarker::Event) == 0) {
       in_place_ =
           std::span(static_cast<const evmarker::Event*>(events.data()), static_cast<std::size_t>(events.size()));
-    else
-      columns_.emplace(field(events, "x", "x"), field(events, "y", "y"), field(events, "t", "timestamp"),
-                       field(events, "p", "polarity"));
+    } else {
+      const py::array x = field(events, "x", "x"), y = field(events, "y", "y"), t = field(events, "t", "timestamp"),
+                      p = field(events, "p", "polarity");
+      columns_.emplace(x, y, t, p);
+    }
   }
 
   template <typename Use>

@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "docstrings.hpp"
 #include "reader.hpp"
 #include "simulator.hpp"
 #include "tracker.hpp"
@@ -42,6 +43,21 @@ std::string path_text(const py::object& path) {
   return py::module_::import("os").attr("fspath")(path).cast<std::string>();
 }
 
+py::dict as_dict(const evmarker::TrackerStatistics& s) {
+  return py::dict("events"_a = s.events, "off_sensor"_a = s.off_sensor, "hot"_a = s.hot, "filtered"_a = s.filtered,
+                  "time_faults"_a = s.time_faults, "matched"_a = s.matched, "time_steps_back"_a = s.time_steps_back,
+                  "outages"_a = s.outages, "detections"_a = s.detections, "unusable_poses"_a = s.unusable_poses,
+                  "registered"_a = s.registered, "replayed"_a = s.replayed, "replays_cut"_a = s.replays_cut,
+                  "lost"_a = s.lost);
+}
+
+py::dict as_dict(const evmarker::io::RecordingStatistics& s) {
+  return py::dict("events"_a = s.events, "triggers"_a = s.triggers, "dropped_before_time"_a = s.dropped_before_time,
+                  "off_sensor"_a = s.off_sensor, "time_steps_back"_a = s.time_steps_back,
+                  "unknown_words"_a = s.unknown_words, "garbled_times"_a = s.garbled_times,
+                  "truncated_bytes"_a = s.truncated_bytes);
+}
+
 evmarker::Distortion distortion(const std::vector<double>& radtan, const std::vector<double>& fisheye) {
   const auto fail = [](const char* name, std::size_t count, const char* expected) {
     throw std::invalid_argument(std::string("camera: ") + name + " has " + std::to_string(count) + " numbers, not " +
@@ -67,10 +83,7 @@ void bind_camera(py::module_& module) {
              return PinholeCamera({size.first, size.second}, fx, fy, cx, cy, distortion(radtan, fisheye));
            }),
            "sensor_size"_a, "fx"_a, "fy"_a, "cx"_a, "cy"_a, py::kw_only(), "radtan"_a = py::tuple(),
-           "fisheye"_a = py::tuple(),
-           "sensor_size: width and height [px]. fx, fy: focal lengths [px]. cx, cy: principal point [px]; (0, 0) is\n"
-           "the centre of the top left pixel. radtan: k1 k2 p1 p2 [k3], or fisheye: k1 k2 k3 k4, as in OpenCV.\n"
-           "Raises ValueError naming the parameter that makes no sense.")
+           "fisheye"_a = py::tuple(), doc::kPinholeCamera)
       .def_property_readonly(
           "sensor_size",
           [](const PinholeCamera& camera) { return Size(camera.sensor_size().width, camera.sensor_size().height); },
@@ -81,59 +94,39 @@ void bind_camera(py::module_& module) {
       .def_property_readonly("cy", &PinholeCamera::cy, "[px]");
   module.def(
       "load_calibration", [](const py::object& path) { return evmarker::opencv::load_calibration(path_text(path)); },
-      "path"_a,
-      "Reads a PinholeCamera from a calibration of OpenCV (YAML, XML, JSON) or a ROS camera_info.\n"
-      "Raises ValueError naming file, field and value.");
+      "path"_a, doc::kLoadCalibration);
 }
 
 void bind_tracker(py::module_& module) {
-  py::class_<Tracker>(module, "Tracker",
-                      "Tracks every marker and board that it sees, from its detection on. The same events give the\n"
-                      "same poses, however they are divided among calls.")
+  py::class_<Tracker>(module, "Tracker", doc::kTracker)
+      .def(py::init([](const evmarker::PinholeCamera& camera, const std::optional<std::string>& dictionary,
+                       const std::optional<MarkerLength>& marker_length, const std::optional<py::object>& boards,
+                       const std::optional<std::vector<int>>& ids, std::optional<int> events_per_update,
+                       std::optional<int> filter_window_us) {
+             return std::make_unique<Tracker>(
+                 camera,
+                 TrackerOptions{dictionary, marker_length, boards ? std::optional(path_text(*boards)) : std::nullopt,
+                                ids, events_per_update, filter_window_us});
+           }),
+           "camera"_a, "dictionary"_a = py::none(), "marker_length"_a = py::none(), py::kw_only(),
+           "boards"_a = py::none(), "ids"_a = py::none(), "events_per_update"_a = py::none(),
+           "filter_window_us"_a = py::none(), doc::kTrackerOptions)
       .def(
-          py::init([](const evmarker::PinholeCamera& camera, const std::optional<std::string>& dictionary,
-                      const std::optional<MarkerLength>& marker_length, const std::optional<py::object>& boards,
-                      const std::optional<std::vector<int>>& ids, std::optional<int> events_per_update,
-                      std::optional<int> filter_window_us) {
-            return std::make_unique<Tracker>(
-                camera,
-                TrackerOptions{dictionary, marker_length, boards ? std::optional(path_text(*boards)) : std::nullopt,
-                               ids, events_per_update, filter_window_us});
-          }),
-          "camera"_a, "dictionary"_a = py::none(), "marker_length"_a = py::none(), py::kw_only(),
-          "boards"_a = py::none(), "ids"_a = py::none(), "events_per_update"_a = py::none(),
-          "filter_window_us"_a = py::none(),
-          "dictionary: OpenCV's name; by default that of the boards, or DICT_4X4_50. marker_length: side of the black\n"
-          "square [m], of all markers or, as {3: 0.05}, of those to track. boards: a file of boards, each of which is\n"
-          "tracked as one. ids: track only these markers. events_per_update, filter_window_us: automatic by default.\n"
-          "Raises ValueError naming what makes no sense.")
-      .def(
-          "push", [](Tracker& tracker, const py::array& events) { return tracker.push(EventArray(events)); },
-          "events"_a,
-          "Takes events: a structured array (n,) with the fields x, y [px], t [us] and p (above 0: brighter) of\n"
-          "integer types, in any order. Where its dtype is EVENT_DTYPE, nothing is copied. Other threads run "
-          "meanwhile,\n"
-          "which must not change the array.\n"
-          "Returns the poses to which they lead, an array (m,) of POSE_DTYPE.\n"
-          "Raises ValueError for other arrays, before any event is taken.")
+          "push",
+          [](Tracker& tracker, const py::object& events) {
+            const py::array array = require_array(events);
+            return tracker.push(EventArray(array));
+          },
+          "events"_a, doc::kPush)
       .def(
           "push",
           [](Tracker& tracker, const py::array& x, const py::array& y, const py::array& t, const py::array& p) {
             return tracker.push(EventColumns(x, y, t, p));
           },
           py::kw_only(), "x"_a, "y"_a, "t"_a, "p"_a, "The same with an array (n,) of integers for each field.")
-      .def("poses_at", &Tracker::poses_at, "t_us"_a,
-           "The poses of all tracked markers, moved on to a time [us] up to which all events have been pushed:\n"
-           "an array (m,) of POSE_DTYPE.")
+      .def("poses_at", &Tracker::poses_at, "t_us"_a, doc::kPosesAt)
       .def_property_readonly(
-          "statistics",
-          [](Tracker& tracker) {
-            const evmarker::TrackerStatistics s = tracker.statistics();
-            return py::dict("events"_a = s.events, "off_sensor"_a = s.off_sensor, "hot"_a = s.hot,
-                            "filtered"_a = s.filtered, "time_faults"_a = s.time_faults, "matched"_a = s.matched,
-                            "time_steps_back"_a = s.time_steps_back, "outages"_a = s.outages,
-                            "detections"_a = s.detections, "registered"_a = s.registered, "lost"_a = s.lost);
-          },
+          "statistics", [](Tracker& tracker) { return as_dict(tracker.statistics()); },
           "Counts of events and markers so far, by name, as in evmarker::TrackerStatistics.");
 }
 
@@ -144,26 +137,18 @@ void bind_reader(py::module_& module) {
       .def_property_readonly("sensor_size", &Reader::sensor_size, "Width and height [px].")
       .def_property_readonly("format", &Reader::format, "What was recognised, as \"Prophesee RAW, EVT3\".")
       .def_property_readonly(
-          "statistics",
-          [](Reader& reader) {
-            const evmarker::io::RecordingStatistics s = reader.statistics();
-            return py::dict("events"_a = s.events, "triggers"_a = s.triggers,
-                            "dropped_before_time"_a = s.dropped_before_time, "off_sensor"_a = s.off_sensor,
-                            "time_steps_back"_a = s.time_steps_back, "unknown_words"_a = s.unknown_words,
-                            "garbled_times"_a = s.garbled_times, "truncated_bytes"_a = s.truncated_bytes);
-          },
+          "statistics", [](Reader& reader) { return as_dict(reader.statistics()); },
           "Counts of what was delivered and dropped so far, by name, as in evmarker::io::RecordingStatistics.");
   module.def(
       "read",
       [](const py::object& path, const std::optional<Size>& sensor_size, const std::string& topic,
          const std::string& columns, const std::string& time_unit) {
-        return std::make_unique<Reader>(path_text(path), ReaderOptions{sensor_size, topic, columns, time_unit});
+        const std::string text = path_text(path);
+        const py::gil_scoped_release unlocked;  // a FIFO is opened when somebody writes to it
+        return std::make_unique<Reader>(text, ReaderOptions{sensor_size, topic, columns, time_unit});
       },
       "path"_a, py::kw_only(), "sensor_size"_a = py::none(), "topic"_a = "", "columns"_a = "", "time_unit"_a = "",
-      "Opens a recording of any kind that track_file reads, in memory that does not grow with its length.\n"
-      "sensor_size: width and height [px], for a recording that does not state it. topic: of a ROS recording.\n"
-      "columns, time_unit: of a text recording, as \"t,x,y,p\" and \"us\", where they are not recognised.\n"
-      "Raises ValueError with file, position and reason, also while it is read.");
+      doc::kRead);
 }
 
 void bind_simulator(py::module_& module) {
@@ -182,9 +167,7 @@ void bind_simulator(py::module_& module) {
                                                                .seed = seed})};
       },
       "distance"_a = 0.6, py::kw_only(), "amplitude_m"_a = hand.amplitude_m, "amplitude_rad"_a = hand.amplitude_rad,
-      "frequency_hz"_a = hand.frequency_hz, "seed"_a = hand.seed,
-      "The Trajectory of a marker in a hand before the camera, at a distance [m]: it sways along and about the\n"
-      "camera's axes by up to amplitude_m [m] and amplitude_rad [rad].");
+      "frequency_hz"_a = hand.frequency_hz, "seed"_a = hand.seed, doc::kHandheld);
   py::class_<Simulator>(module, "Simulator",
                         "An event camera in front of moving markers: an iterator of arrays (n,) of EVENT_DTYPE.")
       .def(py::init([](const evmarker::PinholeCamera& camera, const std::map<int, py::object>& markers,
@@ -197,13 +180,7 @@ void bind_simulator(py::module_& module) {
            }),
            "camera"_a, "markers"_a, "marker_length"_a = 0.10,
            "dictionary"_a = std::string(evmarker::opencv::kDefaultDictionary), py::kw_only(), "sensor"_a = "default",
-           "seed"_a = 1,
-           "markers: of each its T_camera_marker (4, 4) [m] as a function of the time [s] from 0 on, by id, as\n"
-           "{7: handheld()}. marker_length: side of the black square [m]. sensor: default, dvs128, davis240, ..., as "
-           "for\n"
-           "the program simulate; duration_s and the other settings of evmarker::SimulatorSettings change single\n"
-           "numbers of it. The same arguments give the same events.\n"
-           "Raises ValueError naming what makes no sense.")
+           "seed"_a = 1, doc::kSimulatorOptions)
       .def("__iter__", [](const py::object& simulator) { return simulator; })
       .def("__next__", &Simulator::next)
       .def_property_readonly("sensor_size", &Simulator::sensor_size, "Width and height [px].");

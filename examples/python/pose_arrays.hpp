@@ -85,8 +85,9 @@ inline PoseRow pose_row(const evmarker::PoseEstimate& pose) {
   return row;
 }
 
-inline py::array pose_array(const std::vector<PoseRow>& rows) {
-  return {pose_dtype(), {static_cast<py::ssize_t>(rows.size())}, {}, rows.data()};
+/// @param dtype that of pose_dtype(), which takes NumPy a while to make
+inline py::array pose_array(const py::dtype& dtype, const std::vector<PoseRow>& rows) {
+  return {dtype, {static_cast<py::ssize_t>(rows.size())}, {}, rows.data()};
 }
 
 }  // namespace python

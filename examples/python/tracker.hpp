@@ -42,6 +42,14 @@ inline void set_lengths(const MarkerLength& given, evmarker::opencv::ArucoDetect
   for (const auto& [id, length] : settings.lengths) settings.ids.push_back(id);
 }
 
+/// Sets which markers to find.
+inline void choose(const std::vector<int>& ids, evmarker::opencv::ArucoDetectorSettings& settings) {
+  for (const int id : ids)
+    if (!settings.lengths.empty() && !settings.lengths.contains(id))
+      throw std::invalid_argument("tracker: marker " + std::to_string(id) + " of ids has no marker_length");
+  settings.ids = ids;
+}
+
 /// Tracks the markers and boards that are seen. Calls from several threads wait for each other.
 class Tracker {
  public:
@@ -60,7 +68,7 @@ class Tracker {
         tracker_.push(block, [&](const evmarker::PoseEstimate& pose) { rows.push_back(pose_row(pose)); });
       });
     }
-    return pose_array(rows);
+    return pose_array(pose_dtype_, rows);
   }
 
   /// The poses of all tracked markers, moved on to a time. All events before it must have been pushed.
@@ -72,7 +80,7 @@ class Tracker {
       for (const auto& marker : tracker_.markers())
         rows.push_back(pose_row(t > marker.estimate().t ? marker.pose_at(t, t) : marker.estimate()));
     }
-    return pose_array(rows);
+    return pose_array(pose_dtype_, rows);
   }
 
   evmarker::TrackerStatistics statistics() {
@@ -95,7 +103,7 @@ class Tracker {
     if (options.boards) file = evmarker::opencv::load_boards(*options.boards, options.dictionary.value_or(""));
     evmarker::opencv::ArucoDetectorSettings settings{.dictionary = file.dictionary, .border_cells = file.border_cells};
     if (options.marker_length) set_lengths(*options.marker_length, settings);
-    if (options.ids) settings.ids = *options.ids;
+    if (options.ids) choose(*options.ids, settings);
     if (!options.marker_length || !settings.ids.empty())
       for (const evmarker::Board& board : file.boards)
         for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
@@ -109,6 +117,7 @@ class Tracker {
     return settings;
   }
 
+  py::dtype pose_dtype_ = pose_dtype();
   std::mutex mutex_;
   evmarker::Tracker<Detector> tracker_;
 };
