@@ -1,3 +1,4 @@
+import faulthandler
 import os
 import threading
 import tracemalloc
@@ -62,7 +63,8 @@ def test_what_cannot_be_read_is_a_value_error(folder, sentence, path, options):
 
 
 def test_other_threads_run_while_a_pipe_is_silent(tmp_path, folder, events):
-    """Else the thread that fills the pipe would wait forever."""
+    """Else the thread that fills the pipe would wait forever, and this one, too."""
+    faulthandler.dump_traceback_later(120, exit=True)
     pipe = tmp_path / "pipe.raw"
     os.mkfifo(pipe)
     content = (folder / "marker.raw").read_bytes()
@@ -75,3 +77,4 @@ def test_other_threads_run_while_a_pipe_is_silent(tmp_path, folder, events):
     thread.start()
     np.testing.assert_array_equal(joined(evmarker.read(pipe)), events)
     thread.join()
+    faulthandler.cancel_dump_traceback_later()
