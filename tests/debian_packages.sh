@@ -49,10 +49,10 @@ expect "$(zcat root/usr/share/man/man1/evmarker_track_file.1.gz)" 'marker\-lengt
 ! grep -rlF -e "$build" -e "$(dirname "$consumers")" root/usr/share || fail "a path of the build is in it"
 
 export PATH=$PWD/root/usr/bin:$PATH
-evmarker_simulate hand.raw --duration 0.2 --truth truth.csv --quiet
+evmarker_simulate hand.raw --duration 0.1 --truth truth.csv --quiet
 evmarker_track_file hand.raw --camera hand.yml --marker-length 0.1 --output poses.csv --quiet
 evmarker_evaluate poses.csv --truth truth.csv >evaluation.txt
-[ "$(grep -c ,tracking, poses.csv)" -gt 500 ] || fail "hardly any poses: $(head poses.csv)"
+[ "$(grep -c ,tracking, poses.csv)" -gt 300 ] || fail "hardly any poses: $(head poses.csv)"
 
 cmake -S "$consumers/find_package_core" -B find_package -D CMAKE_PREFIX_PATH="$PWD/root/usr" >consumer.txt &&
   cmake --build find_package >>consumer.txt || fail "find_package: $(cat consumer.txt)"
