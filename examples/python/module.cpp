@@ -4,9 +4,16 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <evmarker/opencv/calibration.hpp>
+#include <exception>
+#include <map>
+#include <memory>
 #include <opencv2/core.hpp>
+#include <optional>
+#include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "docstrings.hpp"
 #include "reader.hpp"

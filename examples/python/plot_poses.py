@@ -12,8 +12,14 @@ import evmarker
 import numpy as np
 
 
+class Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise ValueError(f"{message} (see --help)")
+
+
 def parse():
-    parser = argparse.ArgumentParser(prog="plot_poses", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = Parser(prog="plot_poses", description=__doc__, formatter_class=formatter)
     parser.add_argument("recording", help="of any kind that track_file reads")
     parser.add_argument("--camera", required=True, help="calibration: OpenCV or ROS YAML")
     parser.add_argument("--dictionary", help="OpenCV's name; default: DICT_4X4_50")

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <evmarker/base/so3.hpp>
 #include <evmarker/opencv/aruco_shim.hpp>

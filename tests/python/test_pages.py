@@ -38,6 +38,11 @@ def test_the_script_plots(folder):
         assert (done.returncode, done.stdout) == (1, "")
         assert done.stderr == f"plot_poses: {output} is also read: give --output another name\n"
         assert (folder / output).read_bytes() == before
+    done = plot(folder, "--output", "other.png")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "plot_poses: the following arguments are required: --marker-length (see --help)\n",
+    )
     done = plot(folder, "--marker-length", "-1", "--output", "other.png")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "must be a positive number of metres, not -1" in done.stderr
