@@ -13,7 +13,11 @@ packages=(
   libopencv-highgui-dev libopencv-videoio-dev # examples: windows, videos
   libcairo2-dev pkg-config              # examples: print_board
   libceres-dev                          # examples: calibrate
+  pybind11-dev python3-dev python3-numpy # examples: the Python module
+  python3-venv python3-matplotlib       # examples: where it is installed, its plot
+  help2man dpkg-dev                     # Debian packages: pages of the manual, dependencies
   doctest-dev libbenchmark-dev          # tests, benchmarks
+  python3-pytest                        # tests of the Python module
   clang                                 # tests: it compiles all that is public, too
   libapriltag-dev                       # one of the methods that evmarker_accuracy compares
   gnuplot-nox                           # plots

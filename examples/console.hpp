@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <evmarker/base/require.hpp>
 #include <exception>
+#include <filesystem>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -130,10 +131,12 @@ inline int fail(const CLI::App& app, std::string reason, int code = 1) {
 
 /// What a program's `main` does: reads its options, then runs its body with them. Whatever goes wrong becomes one line
 /// on stderr and exit code 1, or the code of an `Exit`.
+/// @param name of the program, unless it has been called by another, as by that under which it is installed
 /// @tparam Options has `add_to(CLI::App&)`
 template <typename Options, typename Body>
 int run(const char* name, const char* description, int argc, char** argv, const Body& body) {
-  CLI::App app(description, name);
+  const std::string called = argc > 0 ? std::filesystem::path(argv[0]).filename().string() : "";
+  CLI::App app(description, called.empty() ? name : called);
   Options options;
   options.add_to(app);
   try {

@@ -11,7 +11,7 @@ bin=build/release/examples
 mkdir -p "$out"
 
 step "Building the examples"
-cmake --preset release -D EVMARKER_BUILD_TESTS=OFF -D EVMARKER_BUILD_BENCH=OFF >"$out/build.log"
+cmake --preset release -D EVMARKER_BUILD_TESTS=OFF -D EVMARKER_BUILD_BENCH=OFF -D EVMARKER_BUILD_PYTHON=OFF >"$out/build.log"
 cmake --build build/release --parallel "$(nproc)" --target simulate track_file evaluate >>"$out/build.log" ||
   { tail -n 30 "$out/build.log" >&2; exit 1; }
 

@@ -23,6 +23,13 @@ for file in "$root"/*; do
   [ "$(basename "$file")" = build ] || ln -s "$file" "$scratch/"
 done
 
+touch "$scratch/help/evmarker_python" # a target beside the programs
+python=""
+if compgen -G "$build/examples/python/_evmarker*" >/dev/null; then
+  python=$(sed -n 's/^Python_EXECUTABLE:[^=]*=//p' "$build/CMakeCache.txt")
+fi
+export python
+
 # --- What stands in for what takes too long --------------------------------------------------------------------------
 
 fault() {
@@ -59,7 +66,7 @@ check_preset() { # configure|build|test PRESET
   (cd "$root" && command cmake --list-presets="$1") | grep -q "^ *\"$2\"" || fault "there is no $1 preset $2"
 }
 
-# Configures and installs; presets and builds are only checked.
+# Configures and installs, from BUILD where that is what is installed; presets and builds are only checked.
 cmake() {
   case $1 in
     --preset) check_preset configure "$2" ;;
@@ -71,6 +78,7 @@ cmake() {
       done
       ;;
     *)
+      [ "$1 $2" != "--install build/release" ] || set -- --install "$build" "${@:3}"
       command cmake "$@" >"$scratch/cmake.txt" 2>&1 || fault "$(tail "$scratch/cmake.txt")" || return
       ! grep -A 3 "not used by the project" "$scratch/cmake.txt" >&2
       ;;
@@ -103,6 +111,22 @@ gnuplot() {
   fi
 }
 
+# tests/debian_packages.sh runs it.
+cpack() { # --config build/release/CPackConfig.cmake ...
+  [ -e "$build/${2#build/release/}" ] || fault "there is no $2"
+}
+
+# That for which the Python module is built; without the module, an environment whose Python says so.
+python3() {
+  if [ -n "$python" ]; then
+    "$python" "$@"
+  else
+    mkdir -p "${!#}/bin"
+    printf '#!/usr/bin/env bash\necho "not run, the Python module is not built: $*"\n' >"${!#}/bin/python"
+    chmod +x "${!#}/bin/python"
+  fi
+}
+
 # Lists the tests of a room instead of running them.
 check_tests() { # ROOM [FILTER...]
   local program=$build/tests/$1_test
@@ -110,7 +134,7 @@ check_tests() { # ROOM [FILTER...]
   ! "$program" --list-test-cases "${@:2}" | grep -q "filters: 0$" || fault "no test of $1 matches ${*:2}"
 }
 
-export -f fault check_options check_benchmarks check_preset cmake ctest bash gnuplot check_tests
+export -f fault check_options check_benchmarks check_preset cmake ctest bash gnuplot cpack python3 check_tests
 
 # --- The programs: those of examples/ run, of the others the arguments are checked -----------------------------------
 

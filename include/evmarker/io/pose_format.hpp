@@ -1,15 +1,18 @@
 #pragma once
-// Text format of poses: columns, numbers, times.
+// The columns of poses, and how they are written as text.
 #include <Eigen/Geometry>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
+#include <numbers>
 #include <string>
 #include <string_view>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 
 namespace evmarker::io {
 
@@ -39,13 +42,34 @@ inline void append_seconds(std::string& text, Timestamp t) {
   text += std::to_string(magnitude / 1000000) + '.' + std::string(6 - fraction.size(), '0') + fraction;
 }
 
-/// Appends `tx ty tz qx qy qz qw`, with qw >= 0.
-inline void append_pose(std::string& text, const Eigen::Isometry3d& pose, char separator) {
+/// `tx ty tz qx qy qz qw` of a pose, with a quaternion of length 1 and qw >= 0.
+inline std::array<double, 7> pose_numbers(const Eigen::Isometry3d& pose) {
   Eigen::Quaterniond q(pose.linear());
   q.normalize();
   if (q.w() < 0) q.coeffs() = -q.coeffs();
   const Eigen::Vector3d& p = pose.translation();
-  const std::array values{p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w()};
+  return {p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w()};
+}
+
+/// The numbers of kPoseCsvMotionHeader; NaN where the rule does not estimate them.
+inline std::array<double, 9> motion_numbers(const PoseEstimate& pose) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  const Vector6d twist = pose.twist.value_or(Vector6d::Constant(kUnknown));
+  const Matrix6d P = pose.covariance.value_or(Matrix6d::Constant(kUnknown));
+  return {twist[0],
+          twist[1],
+          twist[2],
+          twist[3],
+          twist[4],
+          twist[5],
+          pose.edge_offset_px.value_or(kUnknown),
+          1e3 * std::sqrt(P.topLeftCorner<3, 3>().trace()),
+          180 / std::numbers::pi * std::sqrt(P.bottomRightCorner<3, 3>().trace())};
+}
+
+/// Appends `tx ty tz qx qy qz qw`.
+inline void append_pose(std::string& text, const Eigen::Isometry3d& pose, char separator) {
+  const std::array values = pose_numbers(pose);
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (i > 0) text += separator;
     append_number(text, values[i]);

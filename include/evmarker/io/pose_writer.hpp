@@ -1,11 +1,8 @@
 #pragma once
 // Writes poses: a table of many markers (CSV), or the trajectory of one marker (TUM).
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
-#include <numbers>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -46,7 +43,11 @@ class PoseCsvWriter {
     }
     text += ',';
     text += to_string(q.loss_reason);
-    if (columns_ == PoseColumns::pose_and_motion) append_motion(text, pose);
+    if (columns_ == PoseColumns::pose_and_motion)
+      for (const double value : motion_numbers(pose)) {
+        text += ',';
+        append_number(text, value);
+      }
     text += '\n';
     ++poses_written_;
     output_.flush_if_large();
@@ -58,20 +59,6 @@ class PoseCsvWriter {
   std::uint64_t poses_written() const noexcept { return poses_written_; }
 
  private:
-  static void append_motion(std::string& text, const PoseEstimate& pose) {
-    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-    const Vector6d twist = pose.twist.value_or(Vector6d::Constant(kUnknown));
-    const Matrix6d P = pose.covariance.value_or(Matrix6d::Constant(kUnknown));
-    const auto append = [&](double value) {
-      text += ',';
-      append_number(text, value);
-    };
-    for (const double rate : twist) append(rate);
-    append(pose.edge_offset_px.value_or(kUnknown));
-    append(1e3 * std::sqrt(P.topLeftCorner<3, 3>().trace()));
-    append(180 / std::numbers::pi * std::sqrt(P.bottomRightCorner<3, 3>().trace()));
-  }
-
   BufferedOutput<std::string> output_;
   PoseColumns columns_;
   std::uint64_t poses_written_ = 0;
