@@ -39,6 +39,8 @@
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
+#include "io/hdf5_bytes.hpp"
+#include "io/recording_bytes.hpp"
 #include "io/ros_bytes.hpp"
 #include "io/test_support.hpp"
 
@@ -1286,6 +1288,41 @@ TEST_CASE("examples: convert keeps triggers where the format holds them, and say
       CHECK(contains(result.out, " events and " + triggers + " in b") == held);
       CHECK(contains(result.out, "recording  " + triggers + " are lost, which ") == !held);
     }
+  }
+}
+
+TEST_CASE("examples: info shows and convert keeps the triggers of AEDAT 4 and HDF5") {
+  using namespace evmarker::io::test;
+  const TemporaryFolder folder;
+  const auto events = random_events({346, 260}, 3000, 7);
+  const evmarker::Timestamp t = events[1000].t + 1, end = events.back().t + 100;
+  const std::vector<evmarker::TriggerEvent> triggers{{0, true, t}, {0, false, t + 1}, {0, true, end}};
+  const std::vector<Aedat4Trigger> of_dv{{t, 1}, {t + 1, 2}, {end, 3}};
+  const std::span all(events);
+  write_file(folder / "a.aedat4", aedat4_header(0, -1, aedat4_streams({346, 260})) +
+                                      aedat4_packet(1, aedat4_events(all.first(1001))) +
+                                      aedat4_packet(3, aedat4_triggers(std::span(of_dv).first(2))) +
+                                      aedat4_packet(1, aedat4_events(all.subspan(1001))) +
+                                      aedat4_packet(3, aedat4_triggers(std::span(of_dv).last(1))));
+  std::vector<std::string> files{"a.aedat4"};
+#ifdef EVMARKER_HAS_HDF5
+  Hdf5Bytes hdf5;
+  hdf5.add_compounds("CD/events", events);
+  hdf5.add_triggers("EXT_TRIGGER/events", triggers);
+  hdf5.add_attribute("geometry", "346x260");
+  write_file(folder / "a.h5", hdf5.bytes());
+  files.emplace_back("a.h5");
+#endif
+  for (const std::string& file : files) {
+    CAPTURE(file);
+    const Result shown = run(folder, "info " + file);
+    CHECK_MESSAGE(contains(shown.out, "triggers   input 0: 2 rising, 1 falling"), shown.out);
+    const Result result = run(folder, "convert " + file + " b.raw");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK(contains(result.out, " events and 3 triggers in b.raw"));
+    const Content converted = content_of(folder / "b.raw");
+    CHECK(converted.events == events);
+    CHECK(converted.triggers == triggers);
   }
 }
 
