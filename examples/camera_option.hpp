@@ -11,10 +11,10 @@ struct CameraOption {
   std::vector<int> size;
 
   /// Adds --camera and --camera-name.
-  /// @param what the option --camera does
+  /// @param what --camera is in this program
   CLI::Option* add_to(CLI::App& app, const std::string& what = "calibration") {
     CLI::Option* camera =
-        app.add_option("--camera", path, what + ": OpenCV, ROS, Kalibr, Metavision, DSEC or RPG, recognised");
+        app.add_option("--camera", path, what + " in the form of OpenCV, ROS, Kalibr, Metavision, DSEC or RPG");
     app.add_option("--camera-name", name, "of the camera in a calibration of several, as cam0")->needs(camera);
     return camera;
   }
@@ -24,6 +24,7 @@ struct CameraOption {
     app.add_option("--size", size, "sensor of a calibration that does not state it, as RPG's: 240,180 [px]")
         ->delimiter(',')
         ->expected(2)
+        ->allow_extra_args(false)  // which would be the recording
         ->check(CLI::Range(1, 65536));
   }
 

@@ -50,7 +50,7 @@ struct Options {
 
   void add_to(CLI::App& app) {
     app.add_option("recording", recording, "EVT3 RAW file to write")->required();
-    CLI::Option* given = camera.add_to(app, "camera to simulate, in place of --focal and --lens, a calibration");
+    CLI::Option* given = camera.add_to(app, "camera to simulate, in place of --focal and --lens: calibration");
     app.add_option("--calibration", calibration,
                    "calibration to write; default: beside the recording, ending in .yml, but with --camera none");
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
@@ -126,6 +126,7 @@ struct Options {
     app.add_option("--size", camera.size, "sensor, as 640,480 [px]; with --camera where that does not state it")
         ->delimiter(',')
         ->expected(2)
+        ->allow_extra_args(false)  // which would be the recording
         ->default_str("640,480");
     app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")
         ->check(console::positive_number())

@@ -508,8 +508,8 @@ TEST_CASE("examples: simulate takes a calibration in any form, and a recording i
   write_file(folder / "calib.txt", "200.5 201.5 118.5 90.25 -0.1 0.02 0.001 -0.002 0\n");
   for (const std::string camera : {" --camera chain.yaml --camera-name cam0", " --camera calib.txt --size 240,180"}) {
     CAPTURE(camera);
-    const std::string simulate = "simulate r.raw --marker-length 0.2 --duration 0.2 --sway 0.05" + camera;
-    const Result result = run(folder, simulate + " --calibration c.yml");
+    const std::string sway = " r.raw --marker-length 0.2 --duration 0.2 --sway 0.05 --calibration c.yml";
+    const Result result = run(folder, "simulate" + camera + sway);
     REQUIRE_MESSAGE(result.code == 0, result.err);
     CHECK_FALSE(std::filesystem::exists(folder / "r.yml"));
     const evmarker::PinholeCamera loaded = evmarker::opencv::load_calibration((folder / "c.yml").string());
@@ -522,7 +522,7 @@ TEST_CASE("examples: simulate takes a calibration in any form, and a recording i
     REQUIRE(lens);
     CHECK(lens->k1 == -0.1);
     CHECK(lens->p2 == -0.002);
-    const Result tracked = run(folder, "track_file r.raw --marker-length 0.2 --output p.csv" + camera);
+    const Result tracked = run(folder, "track_file" + camera + " --marker-length 0.2 --output p.csv r.raw");
     CHECK_MESSAGE(tracked.code == 0, tracked.err);
     CHECK(contains(read_file(folder / "p.csv"), ",7,tracking,"));
   }

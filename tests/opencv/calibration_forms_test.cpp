@@ -274,6 +274,8 @@ TEST_CASE("a message of ROS 1") {
 
 TEST_CASE("messages that are no calibration name what is wrong") {
   check_error(replaced(kRos2Message, "- 533.5", "- 0.0"), {"k fx is 0, not positive"});
+  check_error("height: 48\nwidth: 64\ndistortion_model: ''\nd: []\nk: [0.0, 0, 0, 0, 0, 0, 0, 0, 0]\n",
+              {"k is all 0", "not calibrated"});
   check_error(replaced(kRos2Message, "- 533.5", "- .nan"), {"k[0]", "nan"});
   check_error(replaced(kRos2Message, "- 533.5\n", ""), {"k has 8 elements, not 3 x 3"});
   check_error(replaced(kRos2Message, "- 0.01\nk:", "- 0.01\n- 1\nk:"), {"d has 6 numbers"});

@@ -40,6 +40,8 @@ inline PinholeCamera make_camera(const SettingsFile& file, SensorSize size, cons
 // The focal lengths and the principal point of a camera matrix, row by row.
 inline Intrinsics from_matrix(const SettingsFile& file, const std::vector<double>& k, const std::string& field) {
   if (k.size() != 9) file.fail(field + " has " + std::to_string(k.size()) + " elements, not 3 x 3");
+  if (k == std::vector<double>(9))
+    file.fail(field + " is all 0: the camera was not calibrated");  // as ROS publishes it
   const char* const names[] = {"fx", "skew", "cx", "[1][0]", "fy", "cy", "[2][0]", "[2][1]", "[2][2]"};
   for (const std::size_t i : {std::size_t{1}, std::size_t{3}, std::size_t{6}, std::size_t{7}, std::size_t{8}}) {
     const double expected = i == 8 ? 1 : 0;
