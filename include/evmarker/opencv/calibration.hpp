@@ -43,12 +43,10 @@ inline PinholeCamera read_calibration(const SettingsFile& file, const Calibratio
 ///   `distortion_model` or `camera_model`; of Metavision's calibration (JSON) `image_size` in place of the first two;
 /// - ROS's camera_info as printed (`ros2 topic echo`: k, d; `rostopic echo`: K, D), the first of several messages, and
 ///   Metavision's camera geometry (JSON): `width`, `height`, `K`, `D`, `distortion_model` or `type`;
-/// - Kalibr's camchain: a map of `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs`, `resolution`
-/// for
-///   each camera; DSEC's cam_to_cam.yaml: the same with `camera_matrix` under `intrinsics`;
+/// - Kalibr's camchain: for each camera a map of `camera_model`, `intrinsics`, `distortion_model`,
+///   `distortion_coeffs` and `resolution`; DSEC's cam_to_cam.yaml: the same with `camera_matrix` under `intrinsics`;
 /// - RPG's calib.txt: fx fy cx cy k1 k2 p1 p2 k3, without the sensor's size.
-/// @throws std::runtime_error naming file, field and value, also where the camera or the size must be, but is not,
-/// given
+/// @throws std::runtime_error naming file, field and value, also where camera or size must be given and are not
 inline PinholeCamera load_calibration(const std::string& path, const CalibrationOptions& options = {}) {
   const detail::SettingsFile file("calibration", path, {.numbers = "numbers", .first_document = true});
   const PinholeCamera camera = detail::read_calibration(file, options);
