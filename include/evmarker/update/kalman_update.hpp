@@ -138,7 +138,7 @@ class KalmanUpdate {
 
     perturb(T_camera_marker, step);
     if (steps_ % kStepsToMend == 0) P_.symmetrize();
-    twist_ = late_twist_ = twist;
+    twist_ = twist;
     lead_s_ = lead_s;
     correct_biases(error);
     return good;
@@ -207,7 +207,7 @@ class KalmanUpdate {
     if (lead_s_ != 0) add_motion(P, lead_s_);
     // An unknown delay of variance delay_s2 shifts the pose along its twist.
     const double delay_s2 = delay_variance_s2();
-    const std::array<double, 6> twist = late_twist_.array(), delayed = (delay_s2 * late_twist_).array();
+    const std::array<double, 6> twist = twist_.array(), delayed = (delay_s2 * twist_).array();
     const Matrix6d& by_edges = edges_.covariance();
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) {
@@ -319,8 +319,7 @@ class KalmanUpdate {
   // Variance of the time by which the pose is late, of which the filter itself knows nothing: motion alone cannot tell
   // it from another pose.
   double delay_variance_s2() const noexcept {
-    const double m_per_s = norm(late_twist_.t) + std::sqrt(scales_.lever2) * norm(late_twist_.r);
-    const double px_per_s = std::sqrt(scales_.gradient2) * m_per_s;
+    const double px_per_s = std::sqrt(scales_.gradient2) * speed(rotation_speed());
     const double trail_s2 = px_per_s > 0 ? trail_variance_px2() / (px_per_s * px_per_s) : 0;
     return squared(settings_.latency_sigma_s) + response_time_.variance_s2() + trail_s2;
   }
@@ -405,7 +404,6 @@ class KalmanUpdate {
 
   void scale_velocity(double factor) noexcept {
     twist_ = factor * twist_;
-    late_twist_ = factor * late_twist_;
     for (int k = 0; k < 6; ++k)
       for (int i = 0; i < 6; ++i) {
         P_.xx(i, 6 + k) *= factor;
@@ -465,7 +463,6 @@ class KalmanUpdate {
   Settings settings_;
   ErrorCovariance P_;
   Vec6 twist_;
-  Vec6 late_twist_;  // with which the last events were late: as twist_, but predictions leave it as it is
   std::array<double, kBiases> bias_px_{};  // edge offset, trail
   double most_motion_m_ = kInfinity;       // bound of the edges' motion since the last update, see limit_motion
   double signal_weight_ = 1;               // see set_signal_weight
