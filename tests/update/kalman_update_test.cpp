@@ -831,6 +831,7 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"acceleration_noise", &KalmanSettings::acceleration_noise},
       {"turning_distance_m", &KalmanSettings::turning_distance_m},
       {"velocity_memory_s", &KalmanSettings::velocity_memory_s},
+      {"confirmed_velocity_memory_s", &KalmanSettings::confirmed_velocity_memory_s},
       {"offset_drift_px", &KalmanSettings::offset_drift_px},
       {"rotation_share", &KalmanSettings::rotation_share},
       {"latency_sigma_s", &KalmanSettings::latency_sigma_s},
@@ -842,7 +843,7 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
       {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px},
       {"initial_trail_px", &KalmanSettings::initial_trail_px}};
-  static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
+  static_assert(sizeof(KalmanSettings) == 17 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

@@ -19,8 +19,10 @@ struct KalmanSettings {
   /// Share of that noise with which rotation moves the edges: a hand rotates a marker less than it carries it. The
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
-  double velocity_memory_s = 0.05;  ///< without events, velocity fades with this time constant
-  double offset_drift_px = 0.025;   ///< random walk of the edge offset and of the trail [px per square root of s]
+  /// Time constants with which the velocity fades: where too few events confirm it, and where enough of them do, see
+  /// VelocityMemory.
+  double velocity_memory_s = 0.05, confirmed_velocity_memory_s = 1;
+  double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.
   double latency_sigma_s = 1e-4;
@@ -47,6 +49,7 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.turning_distance_m, "turning_distance_m");
   require.positive(settings.rotation_share, "rotation_share");
   require.positive(settings.velocity_memory_s, "velocity_memory_s");
+  require.positive(settings.confirmed_velocity_memory_s, "confirmed_velocity_memory_s");
   require.positive(settings.offset_drift_px, "offset_drift_px");
   require.positive(settings.latency_sigma_s, "latency_sigma_s");
   require.positive(settings.covariance_scale, "covariance_scale");

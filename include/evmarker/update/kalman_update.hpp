@@ -15,6 +15,7 @@
 #include "evmarker/update/motion_noise.hpp"
 #include "evmarker/update/response_time.hpp"
 #include "evmarker/update/update_rule.hpp"
+#include "evmarker/update/velocity_memory.hpp"
 
 namespace evmarker {
 
@@ -114,6 +115,7 @@ class KalmanUpdate {
     if (events_per_px_ > 0) moved_px_ += count / events_per_px_;
     if (moved_px_ > kEvaluationSpreads * std::sqrt(spread2_px_)) evaluate_residuals();
     t_us_ = static_cast<double>(t);
+    choose_velocity_memory(count, dt);
     limit_motion(count, dt);
     // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
     // yet, but is the prior mean of the error state.
@@ -302,7 +304,9 @@ class KalmanUpdate {
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight) noexcept {
     edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
-    response_time_.add(row[kResidual], dot(by_translation, twist_.t) + dot(by_rotation, twist_.r));
+    const double px_per_s = dot(by_translation, twist_.t) + dot(by_rotation, twist_.r);
+    response_time_.add(row[kResidual], px_per_s);
+    velocity_memory_.add_speed(px_per_s);
   }
 
   [[gnu::noinline]] void evaluate_residuals() noexcept {
@@ -358,8 +362,17 @@ class KalmanUpdate {
     return squared(bias == kOffset ? settings_.initial_sigma_offset_px : settings_.initial_sigma_trail_px);
   }
 
-  MotionStep motion(double dt) const noexcept {
-    return dt != 0 ? motion_step(dt, settings_.velocity_memory_s) : MotionStep();
+  MotionStep motion(double dt) const noexcept { return dt != 0 ? motion_step(dt, velocity_memory_s_) : MotionStep(); }
+
+  void choose_velocity_memory(int events, double dt) noexcept {
+    velocity_memory_.add(events, events_per_px_, dt, scales_share_);
+    velocity_memory_s_ = settings_.velocity_memory_s;
+    if (signal_weight_ < 1) return;  // noise would confirm the small velocity that it makes itself
+    const double lever2 = scales_.lever2, of_translation = P_.xx(6, 6) + P_.xx(7, 7) + P_.xx(8, 8),
+                 of_rotation = P_.xx(9, 9) + P_.xx(10, 10) + P_.xx(11, 11);
+    velocity_memory_s_ = velocity_memory_.time_constant(
+        settings_.velocity_memory_s, settings_.confirmed_velocity_memory_s,
+        squared_norm(twist_.t) + lever2 * squared_norm(twist_.r), of_translation + lever2 * of_rotation);
   }
 
   // How fast rotation moves the edges, and how fast they move altogether [m/s].
@@ -470,8 +483,10 @@ class KalmanUpdate {
   double events_per_px_ = 0;  // that all edges make while they move by a pixel; 0: not known
   unsigned steps_ = 0;
   MotionNoise motion_noise_;
-  KalmanMeasurements measurements_;  // since the last update
-  double spread2_px_ = 1;            // running mean of the squared residuals [px^2]
+  VelocityMemory velocity_memory_;
+  double velocity_memory_s_ = settings_.velocity_memory_s;  // now
+  KalmanMeasurements measurements_;                         // since the last update
+  double spread2_px_ = 1;                                   // running mean of the squared residuals [px^2]
   struct Scales {
     double lever2 = 0, gradient2 = 0;
   };
