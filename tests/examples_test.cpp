@@ -293,9 +293,9 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
                       "truth.csv");
   REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
   CHECK(tracked.err.empty());  // no bar where stderr is a file
-  for (const char* told : {"events ", " read, ", " kept by the filter", " matched", "marker 7 ",
-                           " poses, the first at ", "lost 0 times", " mm ", " of recording"})
-    CHECK_MESSAGE(contains(tracked.out, told), tracked.out);
+  for (const char* expected : {"events ", " read, ", " kept by the filter", " matched", "marker 7 ",
+                               " poses, the first at ", "lost 0 times", " mm ", " of recording"})
+    CHECK_MESSAGE(contains(tracked.out, expected), tracked.out);
 
   const std::string table = read_file(folder / "poses.csv");
   CHECK(table.substr(0, table.find('\n')) == kPoseHeader);
@@ -418,22 +418,22 @@ TEST_CASE("examples: replay plays a recording at its own pace, tracks it and acc
   CHECK(contains(result.out, "latency from push to pose"));
 
   const auto lines = split(result.out, '\n');
-  std::map<std::string, double> told;
+  std::map<std::string, double> reported;
   REQUIRE(lines.back().starts_with("latency_us "));
   for (const std::string& field : split(lines.back().substr(11), ' '))
-    told[field.substr(0, field.find('='))] = std::stod(field.substr(field.find('=') + 1));
-  REQUIRE(told.size() == 7);
-  CHECK(told["p50"] > 0);
-  CHECK(told["p50"] <= told["p99"]);
-  CHECK(told["p99"] <= told["max"]);
+    reported[field.substr(0, field.find('='))] = std::stod(field.substr(field.find('=') + 1));
+  REQUIRE(reported.size() == 7);
+  CHECK(reported["p50"] > 0);
+  CHECK(reported["p50"] <= reported["p99"]);
+  CHECK(reported["p99"] <= reported["max"]);
   const Result offline = run(folder, "track_file recording.raw" + kOptions);
-  CHECK_MESSAGE(contains(offline.out, std::to_string(static_cast<int>(told["events"])) + " read"), offline.out);
-  CHECK(told["filtered"] > 0);
-  CHECK(told["filtered"] < told["events"]);
-  CHECK(told["dropped"] == 0);
+  CHECK_MESSAGE(contains(offline.out, std::to_string(static_cast<int>(reported["events"])) + " read"), offline.out);
+  CHECK(reported["filtered"] > 0);
+  CHECK(reported["filtered"] < reported["events"]);
+  CHECK(reported["dropped"] == 0);
 
   const auto poses = read_table(read_file(folder / "live.csv")), truth = read_table(simulated_file("truth.csv"));
-  CHECK(told["poses"] == static_cast<double>(poses.size()));
+  CHECK(reported["poses"] == static_cast<double>(poses.size()));
   for (const Row& pose : poses) CHECK(pose.id == "7");
   const MeanError error = mean_tracking_error(poses, truth);
   REQUIRE(error.poses > 500);
@@ -454,7 +454,7 @@ TEST_CASE("examples: replay plays a recording at its own pace, tracks it and acc
   }
 }
 
-TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed rate and tells every delay") {
+TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed rate and reports every delay") {
   if (kPrograms.at("replay").empty()) {
     MESSAGE("skipped: built without the component live");
     return;
@@ -850,7 +850,7 @@ TEST_CASE("examples: a body of straight edges is tracked from where its file or 
   CHECK(contains(wrong.err, "marker 200"));
 }
 
-TEST_CASE("examples: automatic settings are a word, and the default is one of what may be told") {
+TEST_CASE("examples: automatic settings are a word, and the default is one of the values that may be given") {
   const Result help = run(simulated(), "track_file --help");
   REQUIRE(help.code == 0);
   CHECK(contains(help.out, "--events-per-update INT:auto or 1..1000000"));
@@ -1113,7 +1113,7 @@ TEST_CASE("examples: print_board says in one line what is wrong, and leaves noth
       {grid + " --paper fit --board missing/n.yml", {"missing/n.yml", "No such file"}},
       {"print_board --ids 3,4 --marker-length 0.13 --output o.svg", {"--output o.svg", "2 pages of A4", ".pdf"}},
   };
-  for (const auto& [command, told] : cases) {
+  for (const auto& [command, expected] : cases) {
     CAPTURE(command);
     const TemporaryFolder folder;
     write_file(folder / "b.yml", kAprilgrid);
@@ -1121,7 +1121,7 @@ TEST_CASE("examples: print_board says in one line what is wrong, and leaves noth
     CAPTURE(result.err);
     CHECK(result.code > 0);
     CHECK(std::ranges::count(result.err, '\n') == 1);
-    for (const std::string& part : told) CHECK_MESSAGE(contains(result.err, part), part);
+    for (const std::string& part : expected) CHECK_MESSAGE(contains(result.err, part), part);
     CHECK(result.out.empty());
     CHECK(folder.files() == 3);  // the board, stdout and stderr
     CHECK(read_file(folder / "b.yml") == kAprilgrid);
@@ -1421,7 +1421,7 @@ TEST_CASE("examples: convert writes to a pipe, and keeps what there is when it i
   CHECK_FALSE(std::filesystem::exists(folder / "a.raw.part"));
 }
 
-TEST_CASE("examples: info tells what was put into a recording") {
+TEST_CASE("examples: info reports what was put into a recording") {
   // Noise of 2 Hz per pixel, two hot pixels, a pause, triggers and an event whose time is wrong.
   const TemporaryFolder folder;
   const evmarker::SensorSize size{320, 240};
@@ -1695,7 +1695,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
 
   struct Case {
     std::string command;
-    std::vector<std::string> told;        // parts of the line
+    std::vector<std::string> expected;    // parts of the line
     std::string file = "", content = "";  // made before
   };
   const std::vector<Case> cases{
@@ -1938,7 +1938,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        "b.yml",
        kBoard},
   };
-  for (const auto& [command, told, file, content] : cases) {
+  for (const auto& [command, expected, file, content] : cases) {
     CAPTURE(command);
     const TemporaryFolder folder;
     link_simulated(folder);
@@ -1953,7 +1953,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
     CHECK(result.code > 0);
     CHECK(std::ranges::count(result.err, '\n') == 1);
     CHECK(result.err.ends_with('\n'));
-    for (const std::string& part : told) CHECK_MESSAGE(contains(result.err, part), part);
+    for (const std::string& part : expected) CHECK_MESSAGE(contains(result.err, part), part);
     CHECK(result.out.empty());
     CHECK(folder.files() == (file.empty() ? 5 : 6));  // the three, stdout and stderr, the bad one
   }

@@ -87,7 +87,7 @@ TEST_CASE("a verdict counts errors, wild stretches, losses, strangers and covere
 }
 
 // In these recordings a passing board's edge once held the pose, 177 mm off, and a tilt began mirrored for 1.5 s.
-TEST_CASE("behind a passing board and where tilts look alike, no pose that is told as tracking is wild") {
+TEST_CASE("behind a passing board and where tilts look alike, no pose that is called tracking is wild") {
   const auto expect_no_wild_pose = [](const char* name, unsigned seed) {
     CAPTURE(name);
     CAPTURE(seed);

@@ -317,22 +317,22 @@ TEST_CASE("single events that wait take room for themselves only, and stay in or
   for (const Event& event : single) plain.push(std::span(&event, 1));
   CHECK(plain.dropped() == 0);
   std::vector<Event> taken;
-  while (auto* block = plain.take(0us)) {
+  while (auto* block = plain.pop(0us)) {
     taken.insert(taken.end(), block->span().begin(), block->span().end());
-    plain.give_back(block);
+    plain.release(block);
   }
   CHECK(taken == single);
 
   Timestamp last = -1;
   int triggers = 0;
-  while (auto* block = intake.take(0us)) {
-    while (const auto trigger = intake.take_trigger(block->number())) {
+  while (auto* block = intake.pop(0us)) {
+    while (const auto trigger = intake.pop_trigger(block->number())) {
       ++triggers;
       CHECK(trigger->t == last);
       CHECK(block->span().front().t == 501);
     }
     last = block->span().back().t;
-    intake.give_back(block);
+    intake.release(block);
   }
   CHECK(triggers == 1);
   CHECK(last == 1023);
@@ -347,9 +347,9 @@ TEST_CASE("events pushed one by one come out once each, in order, while they are
   });
   std::vector<Event> taken;
   while (taken.size() < pushed.size())
-    if (auto* block = intake.take(1000us)) {
+    if (auto* block = intake.pop(1000us)) {
       taken.insert(taken.end(), block->span().begin(), block->span().end());
-      intake.give_back(block);
+      intake.release(block);
     }
   camera.join();
   CHECK(taken == pushed);

@@ -365,14 +365,14 @@ TEST_CASE("trigger events survive events that are dropped, and too many are drop
   CHECK(intake.triggers_pushed() == 5000);
   CHECK(intake.triggers_dropped() == 5000 - 4096);
   int taken = 0;
-  while (auto* block = intake.take(0us)) {
+  while (auto* block = intake.pop(0us)) {
     const int place = static_cast<int>(block->number());  // as many triggers are before the block
-    for (; const auto trigger = intake.take_trigger(block->number()); ++taken) CHECK(trigger->t == taken);
+    for (; const auto trigger = intake.pop_trigger(block->number()); ++taken) CHECK(trigger->t == taken);
     CHECK(taken == place - 1);
-    intake.give_back(block);
+    intake.release(block);
   }
   CHECK(taken == 99);
-  while (const auto trigger = intake.take_trigger(101)) CHECK(trigger->t == taken++);
+  while (const auto trigger = intake.pop_trigger(101)) CHECK(trigger->t == taken++);
   CHECK(taken == 4096);
 }
 
@@ -519,9 +519,9 @@ TEST_CASE("thinning out is even: the burst loses some everywhere, not all somewh
   for (std::size_t i = 0; i < burst.size(); ++i) burst[i].t = static_cast<Timestamp>(i);
   intake.push(std::span<const Event>(burst));
   std::vector<Timestamp> kept;
-  while (auto* block = intake.take(0us)) {
+  while (auto* block = intake.pop(0us)) {
     for (const Event& event : block->span()) kept.push_back(event.t);
-    intake.give_back(block);
+    intake.release(block);
   }
   CHECK(kept.size() + intake.dropped() == burst.size());
   CHECK(kept.size() > 60 * 256);
@@ -544,9 +544,9 @@ TEST_CASE("dropping the oldest keeps the newest, in order") {
   for (std::size_t i = 0; i < burst.size(); ++i) burst[i].t = static_cast<Timestamp>(i);
   for (std::size_t i = 0; i < burst.size(); i += 1000) intake.push(std::span<const Event>(burst).subspan(i, 1000));
   std::vector<Timestamp> kept;
-  while (auto* block = intake.take(0us)) {
+  while (auto* block = intake.pop(0us)) {
     for (const Event& event : block->span()) kept.push_back(event.t);
-    intake.give_back(block);
+    intake.release(block);
   }
   CHECK(kept.size() + intake.dropped() == burst.size());
   REQUIRE(kept.size() > 14 * 232);

@@ -93,7 +93,7 @@ opencv::ArucoDetector<PinholeCamera> aruco(double length, std::vector<MarkerId> 
   return {simulated::camera, {.marker_length = length, .ids = std::move(ids)}};
 }
 
-void tell(const std::string& what, const AccuracyMeter& meter) {
+void print_accuracy(const std::string& what, const AccuracyMeter& meter) {
   MESSAGE(what << ": " << meter.translation_mm().mean << " mm " << meter.rotation_deg().mean << " deg mean, "
                << meter.translation_mm().median << " mm " << meter.rotation_deg().median << " deg median, worst "
                << meter.translation_mm().max << " mm, " << meter.tracking() << " poses, lost " << meter.lost());
@@ -444,7 +444,7 @@ TEST_CASE("a board detector verifies and searches boards by their markers, if th
   CHECK(detector.search(30, elsewhere)->id == 30);
 }
 
-TEST_CASE("a board detector knows boards and markers by their ids, and refuses boards that share one") {
+TEST_CASE("a board detector finds boards and markers by their ids, and refuses boards that share one") {
   const ToldDetector reported{0.04, {}};
   const auto opened = [&](std::vector<Board> boards) { return BoardDetector(simulated::camera, reported, boards); };
   BoardDetector detector = opened({plate()});
@@ -468,8 +468,8 @@ TEST_CASE("a plate of four markers has one pose, and a better one than one of it
   const Outcome whole =
       track(BoardDetector(simulated::camera, aruco(0.04), {board}), kBoard, Isometry3d::Identity(), events, motion);
   const Outcome part = track(aruco(0.04, {2}), 2, board.markers[1].T_board_marker, events, motion);
-  tell("plate", whole.accuracy);
-  tell("one of its markers", part.accuracy);
+  print_accuracy("plate", whole.accuracy);
+  print_accuracy("one of its markers", part.accuracy);
   REQUIRE(whole.accuracy.tracking() > 3000);
   REQUIRE(part.accuracy.tracking() > 500);
   CHECK(whole.of_others == 0);
@@ -515,7 +515,7 @@ TEST_CASE("three sides of a cube are found and tracked as one body, also while o
     const auto events = record(board, motion, 0.8, 72);
     const Outcome outcome =
         track(BoardDetector(simulated::camera, aruco(0.05), {board}), kBoard, Isometry3d::Identity(), events, motion);
-    tell("cube", outcome.accuracy);
+    print_accuracy("cube", outcome.accuracy);
     REQUIRE(outcome.accuracy.tracking() > 3000);
     CHECK(outcome.first_t < 150000);
     CHECK(outcome.of_others == 0);
@@ -573,7 +573,7 @@ TEST_CASE("a wireframe in three dimensions, neither sides nor dark areas known, 
     for (const Event& event : events)
       if (const auto estimate = tracker.push(event))
         meter.add(*estimate, motion(1e-6 * static_cast<double>(estimate->t)));
-    tell(what, meter);
+    print_accuracy(what, meter);
     REQUIRE(meter.tracking() > 1000);
     CHECK(meter.lost() == 0);
     CHECK(meter.coverage(800000) > 0.99);

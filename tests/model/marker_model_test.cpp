@@ -124,7 +124,7 @@ TEST_CASE("the square has its corners from the top left clockwise and is dark in
   evmarker::validate(model);
 }
 
-TEST_CASE("a rectangle is a square that is as wide and as high as it is told, and no grid") {
+TEST_CASE("a rectangle is a square that is as wide and as high as stated, and no grid") {
   const MarkerModel model = make_rectangle_marker(0.3, 0.2), square = make_square_marker(0.2);
   REQUIRE(model.vertices.size() == 4);
   CHECK((model.vertices[0] - Eigen::Vector3d(-0.15, 0.1, 0)).norm() < 1e-15);

@@ -92,7 +92,7 @@ TEST_CASE("edges lie where the lens images them") {
   }
 }
 
-TEST_CASE("the colour of a marker tells its state, its axes point right and up") {
+TEST_CASE("the colour of a marker shows its state, its axes point right and up") {
   const Eigen::Isometry3d T = facing(0, 0, 0.4);
   constexpr int kScale = 3;
   const auto in_picture = [](double x, double y) {

@@ -75,11 +75,11 @@ TEST_CASE("a wireframe is read as it is written, with and without the YAML direc
 TEST_CASE("of a dark side that leans along its edge the part across it counts, and a face normal gets length 1") {
   const Wireframe body = opencv::load_wireframe(write("body.yml", kBody));
   const MarkerSegment& edge = body.model.segments[2];
-  const Eigen::Vector3d along = Eigen::Vector3d(-0.1, 0, 0.05).normalized(), told(-0.3, -0.8, 0.1);
+  const Eigen::Vector3d along = Eigen::Vector3d(-0.1, 0, 0.05).normalized(), stated(-0.3, -0.8, 0.1);
   CHECK(std::abs(edge.dark_side.dot(along)) < 1e-12);
   CHECK(edge.dark_side.norm() == doctest::Approx(1));
-  CHECK(edge.dark_side.dot(told) > 0.7 * told.norm());
-  CHECK(std::abs(edge.dark_side.dot(along.cross(told))) < 1e-12);  // in the plane of both
+  CHECK(edge.dark_side.dot(stated) > 0.7 * stated.norm());
+  CHECK(std::abs(edge.dark_side.dot(along.cross(stated))) < 1e-12);  // in the plane of both
   CHECK(edge.face_normal == Eigen::Vector3d(0, 1, 0));
 }
 

@@ -37,7 +37,7 @@ TEST_CASE("every preset has a name of its own and can be simulated") {
   CHECK(sensor_preset("imx636").size.width == 1280);
 }
 
-TEST_CASE("a sensor that nobody knows is named, with those that are known") {
+TEST_CASE("an unknown sensor is named in the error, with the known ones") {
   CHECK_THROWS_WITH_AS(sensor_preset("dvs1"),
                        "sensor is \"dvs1\", not one of default, dvs128, davis240, davis346, gen3, imx636",
                        std::invalid_argument);

@@ -426,7 +426,7 @@ TEST_CASE("a detector that throws leaves no result behind, and tracking goes on"
   CHECK(tracker.statistics().events == events.size());
 }
 
-TEST_CASE("once all that the detector knows is tracked it is seldom asked, and at once where something is lost") {
+TEST_CASE("once all markers of the detector are tracked, detections are rare until one is lost") {
   struct Enumerating : TrueDetector {
     std::vector<MarkerId> all;
     std::vector<Timestamp>* asked;

@@ -2,10 +2,18 @@
 // Checks whether the markers of a board are where its file says.
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "evmarker/base/box.hpp"
+#include "evmarker/base/median.hpp"
+#include "evmarker/base/so3.hpp"
+#include "evmarker/detection/board_fit.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 
@@ -53,5 +61,46 @@ class BoardCheck {
   int balance_ = 0;  // frames that contradicted less those that agreed, limited
   bool doubtful_ = false, refused_ = false;
 };
+
+/// True if at least half of the markers are farther from their places than errors of the detector and of the
+/// calibration explain, or one of them is at another place altogether.
+/// @param T T_camera_board that fits the markers best
+/// @param focal_length [px]
+inline bool contradicts_file(const std::vector<SeenMarker>& seen_markers, const Eigen::Isometry3d& T,
+                             double focal_length) {
+  constexpr double kDetector_px = 2;
+  constexpr double kCalibration = 0.005;  // of the size of all seen markers together
+  constexpr double kElsewhere = 0.25;     // of the marker's diagonal
+  std::vector<double> off_px;
+  Box box;
+  bool elsewhere = false;
+  for (const SeenMarker& marker : seen_markers) {
+    double squares = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      squares += squared_norm(focal_length * (marker.seen[i] - on_plane(transform(T, marker.corners[i]))));
+      box.extend(focal_length * marker.seen[i]);
+    }
+    off_px.push_back(std::sqrt(squares / 4));
+    elsewhere |= off_px.back() > kElsewhere * focal_length * norm(marker.seen[0] - marker.seen[2]);
+  }
+  return elsewhere || median(std::move(off_px)) > std::hypot(kDetector_px, kCalibration * norm(box.high - box.low));
+}
+
+/// The two markers whose relative place, by their own poses, differs most from the file.
+inline BoardContradiction worst_contradiction(MarkerId board, const std::vector<SeenMarker>& seen_markers) {
+  const auto deviation_m = [](const BoardContradiction& pair) { return norm(Vec3(pair.seen) - Vec3(pair.in_file)); };
+  BoardContradiction worst{.board = board};
+  for (const SeenMarker& a : seen_markers)
+    for (const SeenMarker& b : seen_markers) {
+      if (&a == &b) continue;
+      const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
+      const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
+      const BoardContradiction pair{
+          board, a.marker->id, b.marker->id, transform(T_camera_a.inverse(), translation(T_camera_b)),
+          transform(a.marker->T_board_marker.inverse(), translation(b.marker->T_board_marker))};
+      if (deviation_m(pair) > deviation_m(worst)) worst = pair;
+    }
+  return worst;
+}
 
 }  // namespace evmarker

@@ -1,6 +1,5 @@
 #pragma once
 // Detects boards by their markers.
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,6 +14,7 @@
 #include "evmarker/base/box.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/board_check.hpp"
+#include "evmarker/detection/board_fit.hpp"
 #include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/board.hpp"
@@ -86,7 +86,7 @@ class BoardDetector {
     std::vector<SeenMarker> seen;
     for (const BoardMarker& marker : targets_[*target].board.markers)
       if (const auto detection = detector_.search(marker.id, as_assumed(marker, T * marker.T_board_marker)))
-        seen.push_back(seen_marker(*target, marker, *detection));
+        seen.push_back(seen_marker(marker, *detection));
     return seen.empty() ? std::nullopt : locate(targets_[*target], seen);
   }
 
@@ -96,20 +96,6 @@ class BoardDetector {
     MarkerModel model;
     BoardCheck check;
   };
-  // A detected marker of a board.
-  struct SeenMarker {
-    std::size_t target;  // index of its board
-    const BoardMarker* marker;
-    Timestamp t;
-    std::vector<Eigen::Isometry3d> T_camera_board;  // by this marker alone: the likelier pose, then its alternative
-    std::array<Vec3, 4> corners;                    // board frame [m]
-    std::array<Vec2, 4> seen;                       // the corners on the plane z = 1
-  };
-  struct Fit {
-    Eigen::Isometry3d T_camera_board;
-    double cost_px = 0;  // root mean square of the corners' distances, those of outliers limited
-  };
-  static constexpr double kOutlier_px = 4;
   static constexpr double kSamePose = 0.03;  // [rad]: two fits nearer than this are one pose
   // The second pose is reported as an alternative if its error is at most so many times larger.
   static constexpr double kMaxAlternativeRatio = 2.0;
@@ -138,7 +124,7 @@ class BoardDetector {
       assumed = std::max(assumed, 2 * std::abs(vertex.x()));
     return marker.length / assumed;
   }
-  // The pose of a marker at which one of the size that the detector assumes looks the same.
+  // The pose at which a marker of the size that the detector assumes has the image of this one at T.
   Eigen::Isometry3d as_assumed(const BoardMarker& marker, Eigen::Isometry3d T) {
     set_translation(T, 1 / scale(marker) * translation(T));
     return T;
@@ -151,7 +137,7 @@ class BoardDetector {
     std::vector<std::vector<SeenMarker>> seen_markers(targets_.size());
     for (const MarkerDetection& detection : detections)
       if (const auto place = place_of(detection.id))
-        seen_markers[place->target].push_back(seen_marker(place->target, *place->marker, detection));
+        seen_markers[place->target].push_back(seen_marker(*place->marker, detection));
       else
         found.push_back(detection);
     for (std::size_t i = 0; i < targets_.size(); ++i) {
@@ -163,7 +149,7 @@ class BoardDetector {
     return found;
   }
 
-  // Tracked boards as the detector knows them: by their markers.
+  // The markers of the tracked boards, and the tracked markers on no board.
   std::vector<PlacedMarker> markers_of(std::span<const PlacedMarker> tracked) {
     std::vector<PlacedMarker> markers;
     for (const auto& [id, T] : tracked)
@@ -187,12 +173,12 @@ class BoardDetector {
     return std::nullopt;
   }
 
-  SeenMarker seen_marker(std::size_t target, const BoardMarker& marker, const MarkerDetection& detection) {
+  SeenMarker seen_marker(const BoardMarker& marker, const MarkerDetection& detection) {
     const auto T_camera_marker = [larger = scale(marker)](Eigen::Isometry3d T) {
       set_translation(T, larger * translation(T));
       return T;
     };
-    SeenMarker s{target, &marker, detection.t, {}, {}, {}};
+    SeenMarker s{&marker, detection.t, {}, {}, {}};
     const Eigen::Isometry3d T_marker_board = marker.T_board_marker.inverse();
     s.T_camera_board.push_back(T_camera_marker(detection.T_camera_marker) * T_marker_board);
     if (detection.T_camera_marker_alternative)
@@ -207,17 +193,17 @@ class BoardDetector {
 
   // The detection of a board at the pose that fits the seen markers best; nothing if no tracker could start there.
   std::optional<MarkerDetection> locate(const Target& target, const std::vector<SeenMarker>& seen_markers) const {
-    std::vector<Fit> fits;
+    std::vector<BoardFit> fits;
     for (const SeenMarker& marker : seen_markers)
       for (const Eigen::Isometry3d& T : marker.T_camera_board) {
-        const Fit fit = seen_markers.size() > 1 ? fitted(T, seen_markers) : Fit{T, 0};
+        const BoardFit fit = seen_markers.size() > 1 ? fit_board(T, seen_markers, focal_length_) : BoardFit{T, 0};
         // A tracker can start only where the matcher can project the board.
         if (SegmentMatcher(target.model, focal_length_).project(fit.T_camera_board)) fits.push_back(fit);
       }
     if (fits.empty()) return std::nullopt;
-    std::ranges::stable_sort(fits, {}, &Fit::cost_px);
+    std::ranges::stable_sort(fits, {}, &BoardFit::cost_px);
     MarkerDetection detection{.id = target.board.id, .t = seen_markers[0].t, .T_camera_marker = fits[0].T_camera_board};
-    for (const Fit& fit : fits)
+    for (const BoardFit& fit : fits)
       if (fit.cost_px <= kMaxAlternativeRatio * fits[0].cost_px &&
           geodesic_angle(fit.T_camera_board.linear(), fits[0].T_camera_board.linear()) > kSamePose) {
         detection.T_camera_marker_alternative = fit.T_camera_board;
@@ -227,102 +213,14 @@ class BoardDetector {
     return detection;
   }
 
-  // Fits a pose to the corners of all seen markers, by Gauss-Newton with Cauchy weights.
-  Fit fitted(const Eigen::Isometry3d& start, const std::vector<SeenMarker>& seen_markers) const {
-    Eigen::Isometry3d T = start;
-    for (int iteration = 0; iteration < 10; ++iteration) {
-      Matrix6d H = Matrix6d::Zero();
-      Vector6d b = Vector6d::Zero();
-      for (int i = 0; i < 6; ++i) H(i, i) = 1e-9;
-      for_each_corner(T, seen_markers, [&](Vec3 P, Vec2 residual_px) {
-        const double weight = 1 / (1 + squared_norm(residual_px) / (kOutlier_px * kOutlier_px));
-        add_row(image_gradient({1, 0}, P, focal_length_), P - translation(T), residual_px.x, weight, H, b);
-        add_row(image_gradient({0, 1}, P, focal_length_), P - translation(T), residual_px.y, weight, H, b);
-      });
-      const Vec6 step = Vector6d(H.ldlt().solve(b));
-      if (!is_finite(step)) break;
-      set_translation(T, translation(T) + step.t);
-      turn(T, step.r);
-      orthonormalize(T);
-    }
-    double cost = 0;
-    int corners = 0;
-    for_each_corner(T, seen_markers, [&](Vec3, Vec2 residual_px) {
-      cost += std::min(squared_norm(residual_px), 4 * kOutlier_px * kOutlier_px);
-      ++corners;
-    });
-    return {T, std::sqrt(cost / corners)};
-  }
-
-  // Adds a measurement, with the row J = [g, lever x g], to the normal equations H x = b.
-  static void add_row(Vec3 g, Vec3 lever, double residual_px, double weight, Matrix6d& H, Vector6d& b) {
-    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
-    for (std::size_t k = 0; k < 6; ++k) {
-      for (std::size_t i = 0; i < 6; ++i) H.data()[6 * k + i] += weight * J[i] * J[k];
-      b.data()[k] += weight * J[k] * residual_px;
-    }
-  }
-
-  // Calls `use(P, residual_px)` for every corner of the seen markers: its place by pose T [m, camera frame], and how
-  // far from there it is seen.
-  template <typename Use>
-  void for_each_corner(const Eigen::Isometry3d& T, const std::vector<SeenMarker>& seen_markers, Use&& use) const {
-    for (const SeenMarker& marker : seen_markers)
-      for (std::size_t i = 0; i < 4; ++i) {
-        const Vec3 P = transform(T, marker.corners[i]);
-        use(P, focal_length_ * (marker.seen[i] - on_plane(P)));
-      }
-  }
-
   // Counts in the board's check whether the seen markers fit its pose. Returns true if the board may be tracked.
   bool update_check(Target& target, const std::vector<SeenMarker>& seen_markers, const Eigen::Isometry3d& T) const {
     if (seen_markers.size() < 2) return !target.check.refused() && !target.check.doubtful();
     const bool refused = target.check.refused();
-    target.check.add(contradicts_file(seen_markers, T));
-    if (target.check.refused() && !refused && report_) report_(worst_pair(target.board, seen_markers));
+    target.check.add(contradicts_file(seen_markers, T, focal_length_));
+    if (target.check.refused() && !refused && report_) report_(worst_contradiction(target.board.id, seen_markers));
     return !target.check.refused() && !target.check.doubtful();
   }
-
-  // True if at least half of the markers are farther from their places than errors of the detector and of the
-  // calibration explain, or one of them is at another place altogether.
-  bool contradicts_file(const std::vector<SeenMarker>& seen_markers, const Eigen::Isometry3d& T) const {
-    constexpr double kDetector_px = 2;
-    constexpr double kCalibration = 0.005;  // of the size of all seen markers together
-    constexpr double kElsewhere = 0.25;     // of the marker's diagonal
-    std::vector<double> off_px;
-    Box box;
-    bool elsewhere = false;
-    for (const SeenMarker& marker : seen_markers) {
-      double squares = 0;
-      for (std::size_t i = 0; i < 4; ++i) {
-        squares += squared_norm(focal_length_ * (marker.seen[i] - on_plane(transform(T, marker.corners[i]))));
-        box.extend(focal_length_ * marker.seen[i]);
-      }
-      off_px.push_back(std::sqrt(squares / 4));
-      elsewhere |= off_px.back() > kElsewhere * focal_length_ * norm(marker.seen[0] - marker.seen[2]);
-    }
-    const auto middle = off_px.begin() + static_cast<std::ptrdiff_t>(off_px.size() / 2);
-    std::ranges::nth_element(off_px, middle);
-    return elsewhere || *middle > std::hypot(kDetector_px, kCalibration * norm(box.high - box.low));
-  }
-
-  // The two markers whose relative place, by their own poses, differs most from the file.
-  static BoardContradiction worst_pair(const Board& board, const std::vector<SeenMarker>& seen_markers) {
-    BoardContradiction worst{.board = board.id};
-    for (const SeenMarker& a : seen_markers)
-      for (const SeenMarker& b : seen_markers) {
-        if (&a == &b) continue;
-        const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
-        const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
-        const BoardContradiction pair{
-            board.id, a.marker->id, b.marker->id, transform(T_camera_a.inverse(), translation(T_camera_b)),
-            transform(a.marker->T_board_marker.inverse(), translation(b.marker->T_board_marker))};
-        if (deviation_m(pair) > deviation_m(worst)) worst = pair;
-      }
-    return worst;
-  }
-
-  static double deviation_m(const BoardContradiction& pair) { return norm(Vec3(pair.seen) - Vec3(pair.in_file)); }
 
   // Corners of the smallest upright rectangle in the image that contains the board.
   std::array<Eigen::Vector2d, 4> box_around(const MarkerModel& model, const Eigen::Isometry3d& T) const {

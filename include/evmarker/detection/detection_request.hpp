@@ -58,7 +58,7 @@ struct DetectionResult {
   std::size_t detected = 0;           ///< how many of them `detect` found
   std::uint64_t unusable_poses = 0;   ///< no rigid motions, or not in front of the camera: left out
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
-  bool all_tracked = false;           ///< the detector knows no marker but those that are tracked already
+  bool all_tracked = false;           ///< all markers that the detector may find are tracked already
 
   /// Adds a marker without those of its poses from which no tracker could start; not at all if there is no other.
   void add(Marker marker, double focal_length) {
@@ -99,9 +99,9 @@ inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isom
          geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
-/// True if the detector knows no other markers than these.
+/// True if the detector can find no other markers than these.
 template <MarkerDetector Detector>
-bool knows_only(Detector& detector, std::span<const PlacedMarker> markers) {
+bool finds_only(Detector& detector, std::span<const PlacedMarker> markers) {
   if constexpr (EnumeratingDetector<Detector>)
     return std::ranges::all_of(detector.ids(), [&](MarkerId id) {
       return std::ranges::find(markers, id, &PlacedMarker::id) != markers.end();
@@ -135,7 +135,7 @@ DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, c
   };
   for (const MarkerDetection& detection : detect(detector, frame, request)) add(detection);
   result.detected = result.markers.size();
-  result.all_tracked = knows_only(detector, request.tracked);
+  result.all_tracked = finds_only(detector, request.tracked);
 
   // A search near its predicted pose finds a partly hidden marker that `detect` misses.
   if constexpr (SearchingDetector<Detector>)

@@ -40,13 +40,13 @@ concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, Marke
   { detector.model(id) } -> std::convertible_to<MarkerModel>;
 };
 
-/// A detector that can also tell whether the frame that `detect` was given last shows a marker's code at a pose.
+/// A detector that can also check whether the last frame given to `detect` shows a marker's code at a pose.
 template <typename D>
 concept VerifyingDetector = MarkerDetector<D> && requires(D& detector, MarkerId id, const Eigen::Isometry3d& T) {
   { detector.shows(id, T) } -> std::same_as<bool>;
 };
 
-/// A detector that can also search that frame for a marker near a pose, with more patience than `detect`.
+/// A detector that can also search that frame for a marker near a pose, more thoroughly than `detect`.
 template <typename D>
 concept SearchingDetector = MarkerDetector<D> && requires(D& detector, MarkerId id, const Eigen::Isometry3d& T) {
   { detector.search(id, T) } -> std::same_as<std::optional<MarkerDetection>>;

@@ -17,7 +17,7 @@ constexpr std::uint64_t elapsed_us(Timestamp from, Timestamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
 }
 
-/// The time `duration`, which must not be negative, after t, at most the last one that can be told.
+/// The time `duration`, which must not be negative, after t, at most the last that a Timestamp can express.
 constexpr Timestamp later(Timestamp t, std::chrono::microseconds duration) noexcept {
   constexpr Timestamp kLast = std::numeric_limits<Timestamp>::max();
   return t > kLast - duration.count() ? kLast : t + duration.count();

@@ -31,7 +31,7 @@ class Aedat2Reader final : public StreamingReader {
   explicit Aedat2Reader(std::filesystem::path path, const RecordingOptions& options = {})
       : Aedat2Reader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit Aedat2Reader(BlockReader blocks, const RecordingOptions& options = {})
       : StreamingReader(std::move(blocks), options) {
     const HeaderLines header = detail::read_aedat_header(bytes_);
@@ -56,7 +56,7 @@ class Aedat2Reader final : public StreamingReader {
   }
 
   std::optional<detail::AedatChip> recognize_chip() {
-    const auto records = bytes_.ahead(BlockReader::kMaxKeep);
+    const auto records = bytes_.peek(BlockReader::kMaxKeep);
     std::size_t wide = 0, narrow = 0;
     for (std::size_t at = 0; at + kRecordBytes <= std::min(records.size(), BlockReader::kMaxKeep); at += kRecordBytes)
       ++(load_big_endian(&records[at]) > 0xFFFF ? wide : narrow);
@@ -64,8 +64,8 @@ class Aedat2Reader final : public StreamingReader {
   }
 
   bool read_piece() override {
-    const auto records = records_ahead(kRecordBytes);
-    if (records.empty()) return end();
+    const auto records = peek_records(kRecordBytes);
+    if (records.empty()) return end_of_file();
     for (std::size_t at = 0; at < records.size(); at += kRecordBytes) {
       const Timestamp t = clock_.unwrap(load_big_endian(&records[at + 4]));
       if (is_davis_)

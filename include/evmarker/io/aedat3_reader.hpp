@@ -31,7 +31,7 @@ class Aedat3Reader final : public StreamingReader {
   explicit Aedat3Reader(std::filesystem::path path, const RecordingOptions& options = {})
       : Aedat3Reader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit Aedat3Reader(BlockReader blocks, const RecordingOptions& options = {})
       : StreamingReader(std::move(blocks), options) {
     const HeaderLines header = detail::read_aedat_header(bytes_);
@@ -56,8 +56,8 @@ class Aedat3Reader final : public StreamingReader {
 
   bool read_piece() override {
     if (events_left_ == 0) return read_packet_header();
-    const auto events = records_ahead(kEventBytes, events_left_);
-    if (events.empty()) return end();
+    const auto events = peek_records(kEventBytes, events_left_);
+    if (events.empty()) return end_of_file();
     for (std::size_t at = 0; at < events.size(); at += kEventBytes) {
       const auto data = load_word<std::uint32_t>(&events[at]), time = load_word<std::uint32_t>(&events[at + 4]);
       const Timestamp t = time_base_ + static_cast<std::int32_t>(time);
@@ -74,8 +74,8 @@ class Aedat3Reader final : public StreamingReader {
 
   // Reads the header of a packet, and passes over the packet if it is not of interest.
   bool read_packet_header() {
-    const auto header = bytes_.ahead(kHeaderBytes);
-    if (header.size() < kHeaderBytes) return end();
+    const auto header = bytes_.peek(kHeaderBytes);
+    if (header.size() < kHeaderBytes) return end_of_file();
     const auto number_at = [&](std::size_t at) {
       return static_cast<std::int32_t>(load_word<std::uint32_t>(&header[at]));
     };

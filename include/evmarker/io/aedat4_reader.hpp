@@ -26,9 +26,9 @@
 
 namespace evmarker::io {
 
-/// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events, or of
-/// triggers, the first in the header is read; packets of other streams, of frames and measurements, are passed over.
-/// Edges and pulses at the camera's input are triggers of id 0, pulses rising.
+/// Reads AEDAT 4 recordings: a header that lists the streams, then packets, each of one stream. Reads the first stream
+/// of events and the first of triggers; packets of others, such as frames and inertial measurements, are skipped. An
+/// edge at the camera's input becomes a trigger of id 0, and so does a pulse, as a rising edge.
 class Aedat4Reader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, has no stream of events, or is compressed by a library that
@@ -36,11 +36,11 @@ class Aedat4Reader final : public StreamingReader {
   explicit Aedat4Reader(std::filesystem::path path, const RecordingOptions& options = {})
       : Aedat4Reader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit Aedat4Reader(BlockReader blocks, const RecordingOptions& options = {})
       : StreamingReader(std::move(blocks), options) {
     constexpr std::string_view first_line = "#!AER-DAT4.0\r\n";
-    if (!bytes_.text_ahead(first_line.size()).starts_with(first_line))
+    if (!bytes_.peek_text(first_line.size()).starts_with(first_line))
       throw RecordingError(bytes_.path(), "not an AEDAT 4 recording: no first line '#!AER-DAT4.0'", 0);
     bytes_.skip(first_line.size());
     const Aedat4Header header = read_header();
@@ -60,10 +60,10 @@ class Aedat4Reader final : public StreamingReader {
   static constexpr std::size_t kPacketHeaderBytes = 8, kEventBytes = 16;
 
   Aedat4Header read_header() {
-    const auto size = bytes_.ahead(4);
+    const auto size = bytes_.peek(4);
     const std::uint64_t length = size.size() < 4 ? 0 : load_word<std::uint32_t>(size.data());
     bytes_.skip(std::min<std::size_t>(size.size(), 4));
-    if (length == 0 || !read_whole(length, "header"))
+    if (length == 0 || !read_bytes(length, "header"))
       throw RecordingError(bytes_.path(), "cut off inside its header", bytes_.position());
     try {
       return parse_aedat4_header(packet_);
@@ -73,9 +73,9 @@ class Aedat4Reader final : public StreamingReader {
   }
 
   bool read_piece() override {
-    if (events_.empty()) return read_packet();
-    const auto piece = events_.first(std::min(events_.size(), kPieceEvents * kEventBytes));
-    events_ = events_.subspan(piece.size());
+    if (undelivered_.empty()) return read_packet();
+    const auto piece = undelivered_.first(std::min(undelivered_.size(), kPieceEvents * kEventBytes));
+    undelivered_ = undelivered_.subspan(piece.size());
     for (std::size_t at = 0; at < piece.size(); at += kEventBytes) {
       const auto coordinate = [&](std::size_t offset) {
         return static_cast<std::int16_t>(load_word<std::uint16_t>(&piece[at + offset]));
@@ -86,14 +86,14 @@ class Aedat4Reader final : public StreamingReader {
     return true;
   }
 
-  // Reads a packet, or passes over that of another stream; false at the end of the packets.
+  // Reads a packet of events or triggers, or skips one of another stream; false at the end of the packets.
   bool read_packet() {
-    if (bytes_.position() >= end_of_packets_) {  // what is left is an index, which a pipe delivers all the same
-      pass_whole(~std::uint64_t{0});
+    if (bytes_.position() >= end_of_packets_) {  // an index follows: a pipe must be read to its end
+      skip_bytes(~std::uint64_t{0});
       return false;
     }
-    const auto header = bytes_.ahead(kPacketHeaderBytes);
-    if (header.size() < kPacketHeaderBytes) return end();
+    const auto header = bytes_.peek(kPacketHeaderBytes);
+    if (header.size() < kPacketHeaderBytes) return end_of_file();
     const std::uint64_t begin = bytes_.position();
     const auto stream = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[0]));
     const auto length = static_cast<std::int32_t>(load_word<std::uint32_t>(&header[4]));
@@ -103,7 +103,7 @@ class Aedat4Reader final : public StreamingReader {
     bytes_.skip(kPacketHeaderBytes);
     const auto bytes = static_cast<std::uint64_t>(length);
     const bool of_interest = stream == event_stream_ || stream == trigger_stream_;
-    const bool whole = of_interest ? read_whole(bytes, "packet") : pass_whole(bytes);
+    const bool whole = of_interest ? read_bytes(bytes, "packet") : skip_bytes(bytes);
     if (!whole) {
       collector_.statistics.truncated_bytes += bytes_.position() - begin;
       return false;
@@ -119,7 +119,7 @@ class Aedat4Reader final : public StreamingReader {
       if (content.size() < size_prefix) throw std::runtime_error("it has no size");
       const FlatTable packet(content.subspan(size_prefix));
       if (stream == event_stream_)
-        events_ = packet.vector(0, kEventBytes);
+        undelivered_ = packet.vector(0, kEventBytes);
       else
         packet.for_each_table(0, [&](const FlatTable& trigger) { add_trigger(trigger); });
     } catch (const RecordingError&) {
@@ -129,8 +129,8 @@ class Aedat4Reader final : public StreamingReader {
     }
   }
 
-  // What is no signal at the input, as resets of the clock, pulses of the camera's own generator and exposures of
-  // frames, is left out.
+  // Leaves out triggers that are no signals at the input: resets of the clock, pulses of the camera's own generator,
+  // exposures of frames.
   void add_trigger(const FlatTable& trigger) {
     constexpr int kRisingEdge = 1, kFallingEdge = 2, kPulse = 3;
     const int type = trigger.number<std::int8_t>(1, 0);
@@ -141,8 +141,8 @@ class Aedat4Reader final : public StreamingReader {
   int event_stream_ = 0;
   std::optional<int> trigger_stream_;
   std::uint64_t end_of_packets_ = ~std::uint64_t{0};
-  std::unique_ptr<Decompressor> decompressor_;  // none where packets are not compressed
-  std::span<const std::byte> events_;           // of the packet that are not delivered yet
+  std::unique_ptr<Decompressor> decompressor_;  // null if packets are not compressed
+  std::span<const std::byte> undelivered_;      // events of the last packet
 };
 
 }  // namespace evmarker::io

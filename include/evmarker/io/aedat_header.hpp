@@ -19,7 +19,7 @@ namespace evmarker::io::detail {
 inline HeaderLines read_aedat_header(ByteStream& bytes) {
   HeaderLines header;
   while (const auto line =
-             find_header_line(bytes.text_ahead(BlockReader::kMaxKeep), "#", bytes.path(), bytes.position())) {
+             find_header_line(bytes.peek_text(BlockReader::kMaxKeep), "#", bytes.path(), bytes.position())) {
     add_header_line(header, *line, "#");
     bytes.skip(line->size());
     const auto& [key, value] = header.fields.back();

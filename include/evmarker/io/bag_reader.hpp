@@ -48,7 +48,7 @@ class BagReader : public StreamingReader {
       decompressor_ = make_decompressor(compression, "chunks", bytes_.path());
       compression_ = compression;
     }
-    if (!read_whole(bytes, "chunk")) return false;
+    if (!read_bytes(bytes, "chunk")) return false;
     chunk_ = read_part(bytes_.path(), "chunk", begin_, [&] { return decompressor_->decompress(packet_); });
     // A message of the chunk may take as much again.
     if (packet_.size() > kMostKept) packet_ = std::vector<std::byte>();

@@ -115,12 +115,12 @@ class BlockReader {
 
     // Waits for bytes or the end of the file; false if reading is to stop, which a silent pipe must not prevent.
     bool wait_for_bytes() const {
-      constexpr int kPatience_ms = 50;
+      constexpr int kLongestWait_ms = 50;
       pollfd waiting{file, POLLIN, 0};
       int ready = 0;
       while (ready == 0 || (ready < 0 && errno == EINTR)) {
         if (closing || (stop != nullptr && *stop)) return false;
-        ready = ::poll(&waiting, 1, kPatience_ms);
+        ready = ::poll(&waiting, 1, kLongestWait_ms);
       }
       return true;
     }

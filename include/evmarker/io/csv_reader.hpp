@@ -46,7 +46,7 @@ class CsvReader final : public RecordingReader {
   explicit CsvReader(std::filesystem::path path, const CsvReaderOptions& options = {})
       : CsvReader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit CsvReader(BlockReader blocks, const CsvReaderOptions& options = {})
       : lines_(std::move(blocks)), shift_(options.shift_first_time_to_zero) {
     if (lines_.lookahead().empty()) throw RecordingError(lines_.path(), "the file is empty");

@@ -27,11 +27,11 @@ class DatReader final : public StreamingReader {
   explicit DatReader(std::filesystem::path path, const RecordingOptions& options = {})
       : DatReader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit DatReader(BlockReader blocks, const RecordingOptions& options = {})
       : StreamingReader(std::move(blocks), options) {
-    if (bytes_.ahead().empty()) throw RecordingError(bytes_.path(), "the file is empty");
-    const HeaderLines header = detail::read_header_lines(bytes_.text_ahead(), bytes_.path());
+    if (bytes_.peek().empty()) throw RecordingError(bytes_.path(), "the file is empty");
+    const HeaderLines header = detail::read_header_lines(bytes_.peek_text(), bytes_.path());
     if (header.fields.empty())
       throw RecordingError(bytes_.path(), "not a DAT recording: it does not begin with header lines '% '", 0);
     const auto version = header.field("Version");
@@ -55,7 +55,7 @@ class DatReader final : public StreamingReader {
   }
 
   void read_record_type() {
-    const auto bytes = bytes_.ahead(2);
+    const auto bytes = bytes_.peek(2);
     if (bytes.size() < 2) throw RecordingError(bytes_.path(), "cut off behind its header", bytes_.position());
     const int type = static_cast<int>(bytes[0]), size = static_cast<int>(bytes[1]);
     if (type != kEvents && type != kContrastEvents && type != kTriggers)
@@ -71,8 +71,8 @@ class DatReader final : public StreamingReader {
   }
 
   bool read_piece() override {
-    const auto records = records_ahead(kRecordBytes);
-    if (records.empty()) return end();
+    const auto records = peek_records(kRecordBytes);
+    if (records.empty()) return end_of_file();
     for (std::size_t at = 0; at < records.size(); at += kRecordBytes)
       add_record(load_word<std::uint32_t>(&records[at]), load_word<std::uint32_t>(&records[at + 4]));
     bytes_.skip(records.size());

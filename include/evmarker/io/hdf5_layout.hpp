@@ -27,8 +27,10 @@ namespace evmarker::io {
 
 /// The events of a file, as four columns of the same length.
 struct Hdf5Events {
-  std::string path;                 ///< in the file
-  std::vector<Hdf5Column> columns;  ///< x, y, p, t
+  static constexpr std::size_t kX = 0, kY = 1, kP = 2, kT = 3;  ///< indices of the columns
+
+  std::string path;  ///< in the file
+  std::vector<Hdf5Column> columns;
   std::optional<TimeUnit> time_unit;
 };
 
@@ -48,7 +50,8 @@ inline std::vector<std::string> names_in(hid_t group) {
   return names;
 }
 
-/// The events of x, y, p and t, of which `open` gives the column of a name; nothing where these are not all there.
+/// The events of the columns that `names` has for x, y, p and t, each opened by `open(name)`; nothing unless it has
+/// all.
 inline std::optional<Hdf5Events> by_names(const std::string& path, const std::vector<std::string>& names,
                                           const std::function<Hdf5Column(const std::string&)>& open) {
   std::array<std::string, 4> found;
@@ -99,7 +102,7 @@ inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) 
     return std::nullopt;
   const auto dataset = Hdf5Column::open(file, path);
   Hdf5Events events{path, {}, std::nullopt};
-  for (const hsize_t column : {hsize_t{0}, hsize_t{1}, hsize_t{3}, hsize_t{2}})
+  for (const hsize_t column : {hsize_t{0}, hsize_t{1}, hsize_t{3}, hsize_t{2}})  // x, y, t, p in the dataset
     events.columns.emplace_back(dataset, "", column);
   return events;
 }
@@ -119,11 +122,11 @@ inline Hdf5Events find_hdf5_events(hid_t file) {
       auto events = detail::events_at(file, path);
       if (!events) continue;
       for (const Hdf5Column& column : events->columns)
-        if (column.rows() != events->columns[0].rows())
-          throw std::runtime_error("its columns have " + std::to_string(events->columns[0].rows()) + " and " +
+        if (column.rows() != events->columns.front().rows())
+          throw std::runtime_error("its columns have " + std::to_string(events->columns.front().rows()) + " and " +
                                    std::to_string(column.rows()) + " numbers, must have the same");
       if (path == "/CD/events") events->time_unit = TimeUnit::microseconds;
-      if (!events->time_unit) events->time_unit = time_unit_named(events->columns[3].units());
+      if (!events->time_unit) events->time_unit = time_unit_named(events->columns[Hdf5Events::kT].units());
       return std::move(*events);
     } catch (const std::runtime_error& error) {
       throw std::runtime_error(path + ": " + error.what());

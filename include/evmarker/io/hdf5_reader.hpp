@@ -59,9 +59,9 @@ class Hdf5Reader final : public CollectingReader {
       throw RecordingError(path, "cannot be read as HDF5, missing, cut off or damaged: " + Hdf5Silence::last_error());
     try {
       events_ = find_hdf5_events(file_.get());
-      rows_ = events_.columns[0].rows();
+      rows_ = events_.columns.front().rows();
       if (events_.path == "/CD/events") triggers_ = Hdf5Triggers(file_.get());
-      has_float_times_ = events_.columns[3].is_float();
+      has_float_times_ = times().is_float();
       offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
       collector_.set_sensor_size(
           choose_sensor_size(hdf5_sensor_size(file_.get()), options, detail::kMaxSide, "HDF5", path));
@@ -84,18 +84,22 @@ class Hdf5Reader final : public CollectingReader {
  private:
   static constexpr std::uint64_t kRows = 32768;
 
+  static constexpr std::size_t kX = Hdf5Events::kX, kY = Hdf5Events::kY, kP = Hdf5Events::kP, kT = Hdf5Events::kT;
+
+  const Hdf5Column& times() const noexcept { return events_.columns[kT]; }
+
   TimeUnit recognize_unit() const {
     if (events_.time_unit) return *events_.time_unit;
-    std::vector<double> times(static_cast<std::size_t>(std::min<std::uint64_t>(rows_, 1000)));
-    events_.columns[3].read(0, std::span(times));
-    if (!std::ranges::all_of(times, [](double t) { return std::isfinite(t); }))
+    std::vector<double> first(static_cast<std::size_t>(std::min<std::uint64_t>(rows_, 1000)));
+    times().read(0, std::span(first));
+    if (!std::ranges::all_of(first, [](double t) { return std::isfinite(t); }))
       throw std::runtime_error(events_.path + ": not all times are numbers");
-    const bool whole = std::ranges::all_of(times, [](double t) { return t == std::floor(t); });
+    const bool whole = std::ranges::all_of(first, [](double t) { return t == std::floor(t); });
     const auto customary = whole ? TimeUnit::microseconds : TimeUnit::seconds;
     constexpr std::size_t kFew = 100;  // fewer have no meaningful rate
-    if (times.size() < kFew) return customary;
-    std::ranges::sort(times);
-    const auto units = detail::plausible_units(times, collector_.sensor_size());
+    if (first.size() < kFew) return customary;
+    std::ranges::sort(first);
+    const auto units = detail::plausible_units(first, collector_.sensor_size());
     if (units.empty() || std::ranges::find(units, customary) != units.end()) return customary;
     if (units.size() == 1) return units[0];
     throw std::runtime_error(
@@ -110,33 +114,32 @@ class Hdf5Reader final : public CollectingReader {
       return false;
     }
     const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
-    for (std::size_t column = 0; column < 4; ++column) numbers_[column].resize(count);
-    times_.resize(count);
+    for (std::vector<std::int64_t>& column : numbers_) column.resize(count);
+    float_times_.resize(count);
     try {
-      for (std::size_t column = 0; column < 3; ++column)
-        events_.columns[column].read(row_, std::span(numbers_[column]));
+      for (const std::size_t column : {kX, kY, kP}) events_.columns[column].read(row_, std::span(numbers_[column]));
       if (has_float_times_)
-        events_.columns[3].read(row_, std::span(times_));
+        times().read(row_, std::span(float_times_));
       else
-        events_.columns[3].read(row_, std::span(numbers_[3]));
+        times().read(row_, std::span(numbers_[kT]));
     } catch (const std::runtime_error& fault) {
       throw RecordingError(
           path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
     }
     for (std::size_t i = 0; i < count; ++i, ++row_) {
-      const Timestamp t = has_float_times_ ? from_float(times_[i]) : from_whole(numbers_[3][i]);
+      const Timestamp t = has_float_times_ ? from_float(float_times_[i]) : from_whole(numbers_[kT][i]);
       add_triggers(t);
-      collector_.add(numbers_[0][i], numbers_[1][i], numbers_[2][i] > 0, t);
+      collector_.add(numbers_[kX][i], numbers_[kY][i], numbers_[kP][i] > 0, t);
     }
     return true;
   }
 
-  // Those until a time, as the file has them apart from the events.
+  // Adds the triggers until a time: the file has them apart from the events.
   void add_triggers(Timestamp until) {
     try {
-      for (auto* trigger = triggers_.first(); trigger != nullptr && trigger->t <= until; trigger = triggers_.first()) {
+      for (auto* trigger = triggers_.next(); trigger != nullptr && trigger->t <= until; trigger = triggers_.next()) {
         collector_.add(*trigger);
-        triggers_.pass();
+        triggers_.skip();
       }
     } catch (const RecordingError&) {
       throw;
@@ -180,9 +183,9 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t rows_ = 0, row_ = 0, bytes_total_ = 0;
   bool has_float_times_ = false;
   TimeUnit unit_ = TimeUnit::microseconds;
-  std::int64_t offset_ = 0;  // [us]
-  std::array<std::vector<std::int64_t>, 4> numbers_;
-  std::vector<double> times_;
+  std::int64_t offset_ = 0;                           // [us]
+  std::array<std::vector<std::int64_t>, 4> numbers_;  // of the last piece, by column
+  std::vector<double> float_times_;                   // its times instead, if the file has them as floating point
 };
 
 #endif

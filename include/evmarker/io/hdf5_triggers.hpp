@@ -36,21 +36,22 @@ class Hdf5Triggers {
           throw std::runtime_error(std::string("it has no member ") + member + ", must have p, t and id");
         columns_.emplace_back(dataset, member, std::nullopt);
       }
-      rows_ = columns_[0].rows();
+      rows_ = columns_.front().rows();
     });
   }
 
-  /// The first trigger that was not passed yet; null behind the last one.
+  /// The next trigger; null after the last one.
   /// @throws std::runtime_error where it cannot be read
-  const TriggerEvent* first() {
+  const TriggerEvent* next() {
     if (at_ == piece_.size() && row_ < rows_) read_piece();
     return at_ < piece_.size() ? &piece_[at_] : nullptr;
   }
-  void pass() noexcept { ++at_; }
+  void skip() noexcept { ++at_; }  ///< goes on to the one after it
 
  private:
   static constexpr const char* kPath = "EXT_TRIGGER/events";
   static constexpr std::uint64_t kRows = 4096;
+  static constexpr std::size_t kP = 0, kT = 1, kId = 2;  // indices of the columns
 
   template <typename Read>
   static void with_path(const Read& read) {
@@ -65,22 +66,22 @@ class Hdf5Triggers {
     const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
     std::array<std::vector<std::int64_t>, 3> numbers;
     with_path([&] {
-      for (std::size_t column = 0; column < 3; ++column) {
+      for (const std::size_t column : {kP, kT, kId}) {
         numbers[column].resize(count);
         columns_[column].read(row_, std::span(numbers[column]));
       }
-      for (const std::int64_t id : numbers[2])
+      for (const std::int64_t id : numbers[kId])
         if (id < 0 || id > std::numeric_limits<std::int16_t>::max())
           throw std::runtime_error("id is " + std::to_string(id) + ", not the number of an input");
     });
     piece_.clear();
     for (std::size_t i = 0; i < count; ++i)
-      piece_.push_back({static_cast<int>(numbers[2][i]), numbers[0][i] > 0, numbers[1][i]});
+      piece_.push_back({static_cast<int>(numbers[kId][i]), numbers[kP][i] > 0, numbers[kT][i]});
     row_ += count;
     at_ = 0;
   }
 
-  std::vector<Hdf5Column> columns_;  // p, t, id
+  std::vector<Hdf5Column> columns_;
   std::uint64_t rows_ = 0, row_ = 0;
   std::vector<TriggerEvent> piece_;
   std::size_t at_ = 0;

@@ -104,7 +104,7 @@ inline std::vector<TimeUnit> plausible_units(const std::vector<double>& times, S
   return units;
 }
 
-/// The unit of times whose column names none; nothing where it cannot be told.
+/// The unit of times whose column names none; nothing where the times do not show it.
 /// @param metavision true for Metavision's CSV, with its line `%geometry`: whole numbers are microseconds
 inline std::optional<TimeUnit> guess_time_unit(std::vector<double> times, SensorSize size, bool metavision) {
   constexpr std::size_t kFew = 10, kMany = 100;  // few events have no rate, and only many prove what is not customary

@@ -31,10 +31,10 @@ class McapReader final : public BagReader {
   explicit McapReader(std::filesystem::path path, const RecordingOptions& options = {})
       : McapReader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit McapReader(BlockReader blocks, const RecordingOptions& options = {})
       : BagReader(std::move(blocks), options) {
-    if (!bytes_.text_ahead(kMagic.size()).starts_with(kMagic))
+    if (!bytes_.peek_text(kMagic.size()).starts_with(kMagic))
       throw RecordingError(bytes_.path(), "not an MCAP recording: it does not begin with '\\x89MCAP0'", 0);
     bytes_.skip(kMagic.size());
     find_first_message(read_summary());
@@ -47,30 +47,30 @@ class McapReader final : public BagReader {
   enum class Record : unsigned char { footer = 2, schema = 3, channel = 4, message = 5, chunk = 6, data_end = 15 };
 
   bool read_record_of_file() override {
-    const auto header = bytes_.ahead(kHeaderBytes);
-    if (header.size() < kHeaderBytes) return end();
+    const auto header = bytes_.peek(kHeaderBytes);
+    if (header.size() < kHeaderBytes) return end_of_file();
     begin_ = bytes_.position();
     const auto type = static_cast<Record>(header[0]);
     const auto length = load_word<std::uint64_t>(&header[1]);
     if (header[0] == std::byte{0})
       throw RecordingError(bytes_.path(), "record: its type is 0, which none has: garbled", begin_);
     bytes_.skip(kHeaderBytes);
-    if (type == Record::data_end || type == Record::footer) {  // what is left is an index
-      pass_whole(~std::uint64_t{0});
+    if (type == Record::data_end || type == Record::footer) {  // an index follows: a pipe must be read to its end
+      skip_bytes(~std::uint64_t{0});
       return false;
     }
-    if (type == Record::chunk ? read_chunk_record(length) : read_or_pass(type, length)) return true;
+    if (type == Record::chunk ? read_chunk_record(length) : read_or_skip(type, length)) return true;
     collector_.statistics.truncated_bytes += bytes_.position() - begin_;
     return false;
   }
 
   // False where the file ends before the end of the record.
-  bool read_or_pass(Record type, std::uint64_t length) {
-    const auto id = bytes_.ahead(2);
+  bool read_or_skip(Record type, std::uint64_t length) {
+    const auto id = bytes_.peek(2);
     const bool is_message = type == Record::message && length >= 2 && id.size() >= 2;
-    if (is_message && !topics_.find(load_word<std::uint16_t>(id.data()))) return pass_whole(length);
-    if (type != Record::schema && type != Record::channel && type != Record::message) return pass_whole(length);
-    if (!read_whole(length, "record")) return false;
+    if (is_message && !topics_.find(load_word<std::uint16_t>(id.data()))) return skip_bytes(length);
+    if (type != Record::schema && type != Record::channel && type != Record::message) return skip_bytes(length);
+    if (!read_bytes(length, "record")) return false;
     use(type, packet_);
     return true;
   }
@@ -79,9 +79,9 @@ class McapReader final : public BagReader {
   // file ends before the end of the chunk.
   bool read_chunk_record(std::uint64_t length) {
     constexpr std::size_t kLongestHeader = 64;
-    auto ahead = bytes_.ahead(kLongestHeader);
+    auto ahead = bytes_.peek(kLongestHeader);
     ahead = ahead.first(std::min(ahead.size(), kLongestHeader));
-    if (ahead.size() < std::min<std::uint64_t>(kLongestHeader, length)) return pass_whole(length);
+    if (ahead.size() < std::min<std::uint64_t>(kLongestHeader, length)) return skip_bytes(length);
     return read_part(bytes_.path(), "chunk", begin_, [&] {
       FieldCursor fields(ahead);
       fields.bytes(28);  // times, size, checksum

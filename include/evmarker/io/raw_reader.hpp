@@ -32,15 +32,15 @@ class RawReader final : public RecordingReader {
   explicit RawReader(std::filesystem::path path, RecordingOptions options = {})
       : RawReader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit RawReader(BlockReader blocks, RecordingOptions options = {})
       : bytes_(std::move(blocks)), options_(options), decoder_(Evt3Decoder({})) {
-    if (bytes_.ahead().empty()) throw RecordingError(bytes_.path(), "the file is empty");
-    header_ = parse_raw_header(bytes_.text_ahead(), bytes_.path());
+    if (bytes_.peek().empty()) throw RecordingError(bytes_.path(), "the file is empty");
+    header_ = parse_raw_header(bytes_.peek_text(), bytes_.path());
     header_.size = choose_sensor_size(header_.size, options_, 2048, "RAW", bytes_.path());
     bytes_.skip(header_.bytes);
     if (header_.format == RawFormat::evt21 && !header_.word_order_stated)
-      header_.halves_swapped = are_halves_swapped(bytes_.ahead(), header_.halves_swapped);
+      header_.halves_swapped = are_halves_swapped(bytes_.peek(), header_.halves_swapped);
     if (header_.format == RawFormat::evt2) decoder_ = Evt2Decoder(*header_.size);
     if (header_.format == RawFormat::evt21) decoder_ = Evt21Decoder(*header_.size, header_.halves_swapped);
     if (header_.format == RawFormat::evt3) decoder_ = Evt3Decoder(*header_.size);
@@ -57,7 +57,7 @@ class RawReader final : public RecordingReader {
     triggers_.clear();
     std::size_t count = 0;
     while (count == 0) {
-      const auto ahead = bytes_.ahead(word_bytes_);
+      const auto ahead = bytes_.peek(word_bytes_);
       if (ahead.size() < word_bytes_) {
         truncated_bytes_ += bytes_.skip_rest();
         break;

@@ -79,10 +79,10 @@ class RosbagReader final : public BagReader {
   explicit RosbagReader(std::filesystem::path path, const RecordingOptions& options = {})
       : RosbagReader(BlockReader(std::move(path)), options) {}
 
-  /// The same of a file that is open; of its blocks, none but the first may have been read.
+  /// Reads a file that is already open, of which at most the first block has been read.
   explicit RosbagReader(BlockReader blocks, const RecordingOptions& options = {})
       : BagReader(std::move(blocks), options) {
-    if (!bytes_.text_ahead(kFirstLine.size()).starts_with(kFirstLine))
+    if (!bytes_.peek_text(kFirstLine.size()).starts_with(kFirstLine))
       throw RecordingError(bytes_.path(), "not a rosbag of version 2.0: no first line '#ROSBAG V2.0'", 0);
     bytes_.skip(kFirstLine.size());
     read_record_of_file();  // where the index is
@@ -114,14 +114,14 @@ class RosbagReader final : public BagReader {
   bool read_record_of_file() override {
     constexpr std::size_t kSizeBytes = 4;
     begin_ = bytes_.position();
-    const auto size = bytes_.ahead(kSizeBytes);
-    if (size.size() < kSizeBytes) return end();
+    const auto size = bytes_.peek(kSizeBytes);
+    if (size.size() < kSizeBytes) return end_of_file();
     const std::size_t header_bytes = load_word<std::uint32_t>(size.data()), bytes = header_bytes + 2 * kSizeBytes;
     if (bytes > BlockReader::kMaxKeep)
       throw RecordingError(bytes_.path(),
                            "record: its fields have " + std::to_string(header_bytes) + " bytes: garbled?", begin_);
-    const auto ahead = bytes_.ahead(bytes);
-    if (ahead.size() < bytes) return end();
+    const auto ahead = bytes_.peek(bytes);
+    if (ahead.size() < bytes) return end_of_file();
     const auto record = read_part(bytes_.path(), "record", begin_,
                                   [&] { return Record(detail::BagFields(ahead.subspan(kSizeBytes, header_bytes))); });
     const auto length = load_word<std::uint32_t>(&ahead[bytes - kSizeBytes]);
@@ -145,8 +145,8 @@ class RosbagReader final : public BagReader {
                                  "', which is not supported (none, lz4 and bz2 are)");
       return read_chunk(record.compression == "lz4" ? Compression::lz4 : Compression::bz2, length);
     }
-    if (!is_of_interest(record)) return pass_whole(length);
-    if (!read_whole(length, "record")) return false;
+    if (!is_of_interest(record)) return skip_bytes(length);
+    if (!read_bytes(length, "record")) return false;
     use(record, packet_);
     return true;
   }

@@ -17,27 +17,28 @@
 
 namespace evmarker::io {
 
-/// Base of the readers that pass through a file, a pipe or a FIFO once.
+/// Base of the readers that read a file, a pipe or a FIFO once, from its begin to its end.
 class StreamingReader : public CollectingReader {
  public:
   std::uint64_t bytes_read() const final { return bytes_.position(); }
   std::uint64_t bytes_total() const final { return bytes_.bytes_total(); }
 
  protected:
-  /// @param blocks of which none but the first may have been read
+  /// @param blocks of a file, of which at most the first has been read
   StreamingReader(BlockReader blocks, const RecordingOptions& options)
       : CollectingReader(blocks.path(), options), bytes_(std::move(blocks)) {}
 
-  /// Whole records of `bytes_each`, at most `most` and no more than a piece; none at the end of the file.
-  std::span<const std::byte> records_ahead(std::size_t bytes_each, std::size_t most = kPieceEvents) {
-    const auto ahead = bytes_.ahead(bytes_each);
+  /// The next whole records of `bytes_each` bytes, which stay unread: at most `most`, and no more than fit a piece;
+  /// none at the end of the file.
+  std::span<const std::byte> peek_records(std::size_t bytes_each, std::size_t most = kPieceEvents) {
+    const auto ahead = bytes_.peek(bytes_each);
     return ahead.first(std::min({most, kPieceEvents, ahead.size() / bytes_each}) * bytes_each);
   }
 
-  /// Reads a part into `packet_`, if it is no longer than a limit, so that a garbled length takes no memory; false
-  /// where the file ends before its end.
+  /// Reads a record or packet into `packet_`; false if the file ends inside of it.
   /// @param what its name in errors
-  bool read_whole(std::uint64_t bytes, const char* what) {
+  /// @throws RecordingError where it is longer than Decompressor::kMaxBytes, as a garbled length may say
+  bool read_bytes(std::uint64_t bytes, const char* what) {
     if (bytes > Decompressor::kMaxBytes)
       throw RecordingError(bytes_.path(),
                            std::string(what) + " of " + std::to_string(bytes) + " bytes, of which at most " +
@@ -48,19 +49,19 @@ class StreamingReader : public CollectingReader {
         bytes, [&](std::span<const std::byte> piece) { packet_.insert(packet_.end(), piece.begin(), piece.end()); });
     return read == bytes;
   }
-  /// Passes over a part; false where the file ends before its end.
-  bool pass_whole(std::uint64_t bytes) {
+  /// Skips a record or packet; false if the file ends inside of it.
+  bool skip_bytes(std::uint64_t bytes) {
     return bytes_.pass(bytes, [](std::span<const std::byte>) {}) == bytes;
   }
 
-  /// Counts what is left behind the last whole record; false, as there is no further piece.
-  bool end() {
+  /// Counts the bytes of a last record that is cut off. Returns false: there is no further piece.
+  bool end_of_file() {
     collector_.statistics.truncated_bytes += bytes_.skip_rest();
     return false;
   }
 
   ByteStream bytes_;
-  std::vector<std::byte> packet_;  // what was read whole
+  std::vector<std::byte> packet_;  // the last record or packet that was read
 };
 
 }  // namespace evmarker::io

@@ -124,7 +124,7 @@ class PublishedState {
   /// What has been pushed until now.
   PushMark mark(const EventIntake& intake) const {
     const std::lock_guard lock(mutex_);
-    return {run_, intake.last_number(), intake.triggers_taken_in()};
+    return {run_, intake.last_block_number(), intake.triggers_taken_in()};
   }
 
   /// True if everything that was pushed before the mark has been tracked and delivered, or dropped.

@@ -52,9 +52,10 @@ inline constexpr const char* kRealTimeHint =
     "real-time priority is not permitted here, so that other programs delay the tracking: permit it by `sudo setcap "
     "cap_sys_nice+ep PROGRAM`, or by a line `USER - rtprio 1` in /etc/security/limits.conf";
 
-/// Requests short time slices that come soon instead of long ones that come late. Has an effect on Linux 6.12 or later
-/// only, and not on a thread with a real-time priority. Threads that this one starts do not inherit it.
-inline void shorten_turns_of_this_thread() noexcept {
+/// Requests short time slices for this thread, so that it runs soon after it wakes instead of long but late. Has an
+/// effect on Linux 6.12 or later only, and not on a thread with a real-time priority. Threads that this one starts do
+/// not inherit it.
+inline void request_short_time_slices() noexcept {
 #if defined(__linux__) && defined(SCHED_RESET_ON_FORK) && defined(SYS_sched_setattr)
   if ((sched_getscheduler(0) & ~SCHED_RESET_ON_FORK) != SCHED_OTHER) return;
   struct {  // the kernel's sched_attr, which the C library does not declare

@@ -2,10 +2,8 @@
 // Calibration of a board: the places of single markers that were tracked together become one rigid body.
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <numbers>
 #include <span>
 #include <stdexcept>
@@ -18,9 +16,9 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board_adjustment.hpp"
+#include "evmarker/model/board_start.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
-#include "evmarker/model/projection.hpp"
 
 namespace evmarker {
 
@@ -48,7 +46,7 @@ class BoardCalibrator {
   /// @param focal_length [px]
   /// @throws std::invalid_argument for fewer than two markers, one that is named twice, or a length out of range
   BoardCalibrator(std::vector<MarkerId> ids, double length, double focal_length)
-      : ids_(std::move(ids)), length_(length), focal_length_(focal_length) {
+      : ids_(std::move(ids)), image_{length, focal_length} {
     const Require require("board calibrator");
     require.positive(length, "length");
     require.positive(focal_length, "focal_length");
@@ -88,25 +86,19 @@ class BoardCalibrator {
                                std::to_string(views_.size()) + " places, of the " + std::to_string(kLeastViews) +
                                " that are needed: move them longer");
     const std::vector<View> views = thinned();
-    const std::vector<Eigen::Isometry3d> start = chain(views);
+    const BoardStart start(ids_, image_, views);
     std::vector<BoardView> located;
-    for (const View& view : views) located.push_back({view, locate(view, start)});
-    BoardAdjustment adjustment(start, std::move(located));
+    for (const View& view : views) located.push_back({view, start.locate(view)});
+    BoardAdjustment adjustment(start.markers(), std::move(located));
     adjustment.solve();
     require_variety(adjustment);
     return result(adjustment);
   }
 
  private:
-  using View = std::vector<MarkerSighting>;
+  using View = BoardStart::View;
 
-  // How two markers lie to each other, by the poses in one view.
-  struct Link {
-    std::size_t from, to;
-    Eigen::Isometry3d T_from_to;
-  };
-
-  static constexpr std::size_t kLeastViews = 20, kMostViews = 1000, kMostLinksTried = 40;
+  static constexpr std::size_t kLeastViews = BoardStart::kLeastViews, kMostViews = 1000;
   static constexpr double kMoved_px = 1;  // between two views
   static constexpr double kLeastTurn_rad = 10 * std::numbers::pi / 180;
 
@@ -123,26 +115,9 @@ class BoardCalibrator {
     return cos_tilt * Eigen::LLT<Matrix6d>(*pose.covariance).matrixL().solve(Matrix6d::Identity());
   }
 
-  std::array<Vec2, 4> corners(const Eigen::Isometry3d& T_camera_marker) const {
-    const double h = length_ / 2;
-    std::array<Vec2, 4> image;
-    std::size_t i = 0;
-    for (const Vec3 corner : {Vec3(-h, h, 0), Vec3(h, h, 0), Vec3(h, -h, 0), Vec3(-h, -h, 0)})
-      image[i++] = image_point(transform(T_camera_marker, corner), focal_length_);
-    return image;
-  }
-
-  // How far the corners of a marker at one pose are from those at another in the image; the farthest of the four.
-  double distance_px(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) const {
-    const auto at_a = corners(a), at_b = corners(b);
-    double farthest = 0;
-    for (std::size_t i = 0; i < 4; ++i) farthest = std::max(farthest, norm(at_a[i] - at_b[i]));
-    return farthest;
-  }
-
   bool alike(const View& a, const View& b) const {
     return std::ranges::equal(a, b, [&](const MarkerSighting& x, const MarkerSighting& y) {
-      return x.marker == y.marker && distance_px(x.T_camera_marker, y.T_camera_marker) < kMoved_px;
+      return x.marker == y.marker && image_.distance_px(x.T_camera_marker, y.T_camera_marker) < kMoved_px;
     });
   }
 
@@ -151,91 +126,6 @@ class BoardCalibrator {
     std::vector<View> kept;
     for (std::size_t i = 0; i < views_.size(); i += every) kept.push_back(views_[i]);
     return kept;
-  }
-
-  // Poses on the board to start from. From the first marker on, the marker is added that was most often seen together
-  // with one that has been placed.
-  std::vector<Eigen::Isometry3d> chain(const std::vector<View>& views) const {
-    std::vector<Eigen::Isometry3d> poses(ids_.size(), Eigen::Isometry3d::Identity());
-    std::vector<bool> placed(ids_.size(), false);
-    placed[0] = true;
-    for (std::size_t count = 1; count < ids_.size(); ++count) {
-      std::vector<Link> best;
-      for (std::size_t to = 0; to < ids_.size(); ++to)
-        for (std::size_t from = 0; from < ids_.size(); ++from)
-          if (placed[from] && !placed[to])
-            if (auto found = links(views, from, to); found.size() > best.size()) best = std::move(found);
-      if (best.size() < kLeastViews) throw std::runtime_error(unconnected(views, placed));
-      const Link& link = link_of_least_median_error(views, best);
-      poses[link.to] = poses[link.from] * link.T_from_to;
-      placed[link.to] = true;
-    }
-    return poses;
-  }
-
-  static const MarkerSighting* find(const View& view, std::size_t marker) {
-    const auto found =
-        std::ranges::find_if(view, [&](const MarkerSighting& sighting) { return sighting.marker == marker; });
-    return found == view.end() ? nullptr : &*found;
-  }
-
-  static std::vector<Link> links(const std::vector<View>& views, std::size_t from, std::size_t to) {
-    std::vector<Link> links;
-    for (const View& view : views)
-      if (const MarkerSighting* a = find(view, from), *b = find(view, to); a != nullptr && b != nullptr)
-        links.push_back({from, to, a->T_camera_marker.inverse() * b->T_camera_marker});
-    return links;
-  }
-
-  // Of links between the same two markers, at most kMostLinksTried of them, the one that predicts the second marker
-  // with the least median error over all views: a mirrored tilt fits only the view that it is from.
-  const Link& link_of_least_median_error(const std::vector<View>& views, const std::vector<Link>& links) const {
-    const Link* best = nullptr;
-    double least = std::numeric_limits<double>::infinity();
-    const std::size_t every = (links.size() + kMostLinksTried - 1) / kMostLinksTried;
-    for (std::size_t i = 0; i < links.size(); i += every) {
-      std::vector<double> errors;
-      for (const View& view : views)
-        if (const MarkerSighting* a = find(view, links[i].from), *b = find(view, links[i].to);
-            a != nullptr && b != nullptr)
-          errors.push_back(distance_px(a->T_camera_marker * links[i].T_from_to, b->T_camera_marker));
-      const double error = median(std::move(errors));
-      if (best == nullptr || error < least) {
-        best = &links[i];
-        least = error;
-      }
-    }
-    return *best;
-  }
-
-  std::string unconnected(const std::vector<View>& views, const std::vector<bool>& placed) const {
-    std::string names;
-    for (std::size_t m = 0; m < ids_.size(); ++m)
-      if (!placed[m]) names += (names.empty() ? "" : ", ") + std::to_string(ids_[m]);
-    const bool one = std::ranges::count(placed, false) == 1;
-    const bool seen = std::ranges::any_of(views, [&](const View& view) {
-      return std::ranges::any_of(view, [&](const MarkerSighting& sighting) { return !placed[sighting.marker]; });
-    });
-    names = (one ? "marker " : "markers ") + names + (one ? " was " : " were ");
-    const std::string how = seen ? "not tracked together with marker " + std::to_string(ids_[0]) +
-                                       ", or one that was, at " + std::to_string(kLeastViews) + " places"
-                                 : "never tracked together with another one";
-    return names + how + ": show them side by side for longer";
-  }
-
-  // Each marker of a view implies a pose of the board: returns the one with the least sum of distances to all markers.
-  Eigen::Isometry3d locate(const View& view, const std::vector<Eigen::Isometry3d>& T_board_marker) const {
-    Eigen::Isometry3d best = Eigen::Isometry3d::Identity();
-    double least = std::numeric_limits<double>::infinity();
-    for (const MarkerSighting& by : view) {
-      const Eigen::Isometry3d T = by.T_camera_marker * T_board_marker[by.marker].inverse();
-      double sum = 0;
-      for (const MarkerSighting& other : view)
-        sum += distance_px(T * T_board_marker[other.marker], other.T_camera_marker);
-      if (sum < least) best = T;
-      least = std::min(least, sum);
-    }
-    return best;
   }
 
   // Every marker must have been seen from directions that differ: from one direction, a wrong depth or tilt is the same
@@ -270,8 +160,8 @@ class BoardCalibrator {
     double sum = 0, weights = 0;
     for (const BoardView& view : adjustment.views())
       for (const MarkerSighting& sighting : view.sightings) {
-        const auto seen = corners(sighting.T_camera_marker),
-                   expected = corners(view.T_camera_board * adjustment.markers()[sighting.marker]);
+        const auto seen = image_.corners(sighting.T_camera_marker),
+                   expected = image_.corners(view.T_camera_board * adjustment.markers()[sighting.marker]);
         const double weight = adjustment.weight(view, sighting);
         for (std::size_t i = 0; i < 4; ++i) sum += weight * squared_norm(seen[i] - expected[i]);
         weights += 4 * weight;
@@ -309,7 +199,7 @@ class BoardCalibrator {
   }
 
   std::vector<MarkerId> ids_;
-  double length_, focal_length_;
+  MarkerImage image_;
   std::vector<View> views_;
   std::vector<double> trails_px_;
 };

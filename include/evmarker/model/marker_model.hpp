@@ -51,8 +51,8 @@ struct MarkerModel {
   /// Cells along a side of a square code marker, border included, if all edges lie on the lines of its grid of cells; 0
   /// for any other wireframe.
   int cells = 0;
-  /// The code markers of a board, if all its edges are theirs, those of one marker after those of the other; empty for
-  /// any other wireframe. They make matching fast.
+  /// The code markers of a board, if all its edges are theirs and ordered by marker; empty for any other wireframe.
+  /// With them, events are matched faster.
   std::vector<PlacedCode> codes = {};
 };
 
@@ -162,11 +162,11 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
   };
   // Along each grid line, join neighbouring cell edges that are dark on the same side into one segment.
   const auto add_line = [&](int line, bool horizontal) {
-    // -1: dark before the line (above or left of it), +1: behind it, 0: no edge.
+    // -1: dark before the line (above or left of it), +1: after it, 0: no edge.
     const auto dark = [&](int along) {
       const bool before = horizontal ? white(line - 1, along) : white(along, line - 1);
-      const bool behind = horizontal ? white(line, along) : white(along, line);
-      return static_cast<int>(before) - static_cast<int>(behind);
+      const bool after = horizontal ? white(line, along) : white(along, line);
+      return static_cast<int>(before) - static_cast<int>(after);
     };
     for (int begin = 0, end = 0; begin < cells; begin = end) {
       const int side = dark(begin);

@@ -6,9 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <numbers>
 #include <numeric>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
@@ -24,32 +22,15 @@
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/opencv/aruco_detector_settings.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/code_book.hpp"
 #include "evmarker/opencv/dark_quads.hpp"
 #include "evmarker/opencv/frame_fit.hpp"
 #include "evmarker/opencv/guessed_image.hpp"
+#include "evmarker/opencv/planar_pnp.hpp"
 
 namespace evmarker::opencv {
-
-/// Which markers to find, and how much of a marker a frame must show.
-struct ArucoDetectorSettings {
-  std::string dictionary{kDefaultDictionary};  ///< OpenCV's name of a predefined dictionary
-  double marker_length = 0.10;                 ///< side of the black square [m]
-  std::map<MarkerId, double> lengths = {};     ///< the same of those markers that are not as long as the others [m]
-  int border_cells = 1;                        ///< width of the markers' black border: 1, or 2 as Kalibr prints them
-  std::vector<MarkerId> ids = {};              ///< the markers to find; empty: the whole dictionary
-  double min_side_px = 15;                     ///< smaller markers are ignored
-  double min_agreement = 0.9;          ///< least share of the marker's area that agrees with its code, see `read_code`
-  double min_edge_support = 0.7;       ///< least share of its edges that the frame shows, see `FrameFit::support`
-  double max_alternative_ratio = 2.0;  ///< largest ratio of costs at which the second planar pose is reported
-
-  /// Side of a marker's black square [m].
-  double length(MarkerId id) const {
-    const auto own = lengths.find(id);
-    return own != lengths.end() ? own->second : marker_length;
-  }
-};
 
 /// A `MarkerDetector` for the markers of OpenCV's ArUco dictionaries. Frames of last polarities are ragged and half
 /// empty; OpenCV's own detector finds wrong ids in them, and corners with errors of pixels. This detector fits the pose
@@ -69,9 +50,9 @@ class ArucoDetector {
     const Require require("detector");
     require(settings_.border_cells >= 1 && settings_.border_cells <= kMostBorderCells, "border_cells",
             settings_.border_cells);
-    for (const MarkerId id : settings_.ids) bits(id);
+    for (const MarkerId id : settings_.ids) require_known(id);
     for (const auto& [id, length] : settings_.lengths) {
-      bits(id);
+      require_known(id);
       evmarker::detail::require_marker_length(length, (std::to_string(id) + " length").c_str());
     }
     const auto is_share = [](double value) { return value >= 0 && value <= 1; };
@@ -97,10 +78,10 @@ class ArucoDetector {
         if (const auto reading = codes_.read(image_, quad)) readings[reading->id].push_back(*reading);
     };
     const cv::Mat dark = image_ == PolarityFrame::kOff;
-    cv::Mat without_whiskers;
-    cv::morphologyEx(dark, without_whiskers, cv::MORPH_OPEN, cv::Mat());
+    cv::Mat opened;  // without the thin lines of noise that may connect an outline to its surroundings
+    cv::morphologyEx(dark, opened, cv::MORPH_OPEN, cv::Mat());
     read_quads(dark);
-    read_quads(without_whiskers);
+    read_quads(opened);
 
     std::vector<MarkerDetection> detections;
     for (auto& [id, readings_of_id] : readings) {
@@ -193,6 +174,9 @@ class ArucoDetector {
     return corners;
   }
 
+  // Throws if the dictionary has no such id.
+  void require_known(MarkerId id) const { static_cast<void>(bits(id)); }
+
   void require_size(SensorSize size) const {
     const SensorSize expected = camera_.sensor_size();
     if (size == expected) return;
@@ -211,7 +195,7 @@ class ArucoDetector {
     const auto fit_from = [&](const Eigen::Isometry3d& T) {
       if (const auto fit = fit_pose(id, wireframe, T)) fits.push_back(*fit);
     };
-    std::ranges::for_each(solve_pnp(corners, settings_.length(id)), fit_from);
+    std::ranges::for_each(solve_planar_pnp(camera_, corners, settings_.length(id)), fit_from);
     if (fits.empty()) return std::nullopt;
     constexpr double kSamePose = 0.1;  // [rad]
     const auto differs = [&](const FrameFit& fit) {
@@ -231,17 +215,6 @@ class ArucoDetector {
     return Candidate{detection, fits[0].cost_px};
   }
 
-  // The other planar pose with nearly the same image: tilted as much to the other side of the line of sight.
-  static Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T_camera_marker) {
-    const Vec3 normal = axis(T_camera_marker, 2),
-               to_camera = -1 / norm(translation(T_camera_marker)) * translation(T_camera_marker);
-    const Vec3 about = cross(normal, to_camera);
-    const double tilt = std::atan2(norm(about), dot(normal, to_camera));
-    Eigen::Isometry3d T = T_camera_marker;
-    if (norm(about) > 0) turn(T, 2 * tilt / norm(about) * about);
-    return T;
-  }
-
   MarkerDetection make_detection(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     MarkerDetection detection;
     detection.id = id;
@@ -249,36 +222,6 @@ class ArucoDetector {
     detection.T_camera_marker = T_camera_marker;
     std::ranges::copy(corners_px(id, T_camera_marker), detection.corners_px.begin());
     return detection;
-  }
-
-  // The two planar solutions for the corners of the marker; empty if the lens model has no line of sight for a corner.
-  // OpenCV's rotation vectors are wrong near half a turn. So the problem is solved for a square whose y and z axes
-  // point as the camera's, and whose first corner is the one nearest to the image's top left.
-  std::vector<Eigen::Isometry3d> solve_pnp(const Quad& corners, double length) const {
-    const double h = length / 2;
-    const std::vector<cv::Point3d> points{{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
-    const auto upper_left = std::ranges::min_element(corners, {}, [](Vec2 p) { return p.x + p.y; });
-    const std::ptrdiff_t turns = upper_left - corners.begin();
-    std::vector<cv::Point2d> undistorted;
-    for (std::size_t i = 0; i < 4; ++i) {
-      const Eigen::Vector3d M = camera_.line_of_sight(corners[(i + static_cast<std::size_t>(turns)) % 4]);
-      if (!is_finite(Vec3(M))) return {};
-      undistorted.emplace_back(M.x(), M.y());
-    }
-    Eigen::Matrix3d R_square_marker = so3_exp({0, 0, -std::numbers::pi / 2 * static_cast<double>(turns)});
-    for (int i = 3; i < 9; ++i) R_square_marker.data()[i] *= -1;  // the marker's y is up, its z toward the camera
-    std::vector<cv::Mat> rotations, translations;
-    cv::solvePnPGeneric(points, undistorted, cv::Matx33d::eye(), cv::noArray(), rotations, translations, false,
-                        cv::SOLVEPNP_IPPE);
-    std::vector<Eigen::Isometry3d> poses;
-    for (std::size_t i = 0; i < rotations.size(); ++i) {
-      const cv::Vec3d r = rotations[i], t = translations[i];
-      Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-      T.linear() = product(so3_exp({r[0], r[1], r[2]}), R_square_marker);
-      set_translation(T, {t[0], t[1], t[2]});
-      if (is_finite(T) && t[2] > 0) poses.push_back(T);
-    }
-    return poses;
   }
 
   // How far to each side of an edge its step is searched [px]: less than the distance to the next edge of the code.

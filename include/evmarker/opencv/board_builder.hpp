@@ -16,7 +16,7 @@
 
 namespace evmarker::opencv {
 
-/// The boards of a file, and what a detector of their markers must be told.
+/// The boards of a file, and what a detector needs to find their markers.
 struct BoardFile {
   std::vector<Board> boards;
   std::string dictionary;  ///< OpenCV's name

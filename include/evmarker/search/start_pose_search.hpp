@@ -53,7 +53,7 @@ inline void validate(const StartPoseSearchSettings& settings) {
 /// memory is allocated by the constructor.
 class StartPoseSearch {
  public:
-  /// A search ends when a pose is found, or when it is given up after StartPoseSearchSettings::longest.
+  /// A search ends when it has found a pose, or is given up after StartPoseSearchSettings::longest.
   enum class State { searching, found, given_up };
 
   /// @param focal_length [px]
@@ -118,7 +118,7 @@ class StartPoseSearch {
   bool replaying() const noexcept { return next_replayed_ != recent_.pushed(); }
   /// The next event to replay. Requires `replaying()`.
   const Event& replay() noexcept { return recent_.at(next_replayed_++); }
-  /// Takes a new event that comes in the meantime, to be replayed after the others.
+  /// Stores a new event that comes during the replay, to be replayed after the others.
   void keep(const Event& event) noexcept {
     recent_.push(event);
     skip_overwritten();

@@ -15,6 +15,7 @@
 #include "evmarker/base/vector.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/simulation/marker_view.hpp"
+#include "evmarker/simulation/pixel_sights.hpp"
 #include "evmarker/simulation/printed_marker.hpp"
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/simulation/scene.hpp"
@@ -59,14 +60,14 @@ class SceneRenderer {
         point_spread_px_(point_spread_px),
         fisheye_(std::holds_alternative<EquidistantDistortion>(camera.distortion())),
         grid_(camera.sensor_size()),
-        texture_(scene_.background) {
+        texture_(scene_.background),
+        sights_(camera, grid_) {
     if (!(std::isfinite(point_spread_px) && point_spread_px > 0))
       throw std::invalid_argument("scene renderer: point_spread_px is " + number_text(point_spread_px));
     for (const auto& marker : scene_.markers)
       prints_.emplace_back(marker.bits, marker.quiet_zone_cells, marker.black, marker.white, marker.shades);
     for (std::size_t i = 0; i < prints_.size(); ++i) everything_.markers.push_back(i);
     for (std::size_t i = 0; i < scene_.occluders.size(); ++i) everything_.occluders.push_back(i);
-    compute_sights();
   }
 
   const PinholeCamera& camera() const noexcept { return camera_; }
@@ -95,20 +96,10 @@ class SceneRenderer {
   std::vector<float> render(double seconds) const;
 
  private:
-  // A circle on the plane z = 1 that contains the lines of sight of a tile.
-  struct TileSight {
-    Sight centre;      // that of the tile's first pixel
-    double radius_px;  // infinite if a pixel has no line of sight
-    Vec2 corner;       // the tile's first pixel
-  };
-
   static Scene checked(Scene scene) {
     validate(scene);
     return scene;
   }
-
-  // Computes the lines of sight of all pixels and tiles.
-  void compute_sights();
 
   PinholeCamera camera_;
   Scene scene_;
@@ -117,10 +108,8 @@ class SceneRenderer {
   TileGrid grid_;
   Texture texture_;
   std::vector<PrintedMarker> prints_;
-  Activity everything_;         // all markers and occluders of the scene
-  double largest_tangent_ = 0;  // tangent of the largest angle between a line of sight and the optical axis
-  std::vector<Sight> sights_;   // in the order of the grid, NaN where there is none
-  std::vector<TileSight> tile_sights_;
+  Activity everything_;  // all markers and occluders of the scene
+  PixelSights sights_;
 };
 
 class SceneRenderer::Frame {
@@ -137,44 +126,6 @@ class SceneRenderer::Frame {
   std::vector<MarkerView> markers_;
   std::vector<OccluderView> occluders_;
 };
-
-inline void SceneRenderer::compute_sights() {
-  const SensorSize size = camera_.sensor_size();
-  std::vector<Vec2> rays;  // with a border of one pixel around the sensor, for the differences between neighbours
-  for (int y = -1; y <= size.height; ++y)
-    for (int x = -1; x <= size.width; ++x) {
-      const Eigen::Vector3d M = camera_.line_of_sight({x, y});
-      rays.emplace_back(M.x(), M.y());
-    }
-  const auto ray = [&](int x, int y) -> const Vec2& {
-    return rays[static_cast<std::size_t>((y + 1) * (size.width + 2) + x + 1)];
-  };
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  sights_.assign(grid_.indices(), {nan, nan, nan, nan, nan, nan});
-  for (int y = 0; y < size.height; ++y)
-    for (int x = 0; x < size.width; ++x) {
-      Sight& sight = sights_[grid_.index(x, y)];
-      const Vec2 m = ray(x, y), per_x = (ray(x + 1, y) - ray(x - 1, y)) / 2,
-                 per_y = (ray(x, y + 1) - ray(x, y - 1)) / 2;
-      if (!is_finite(per_x) || !is_finite(per_y) || !is_finite(m)) continue;
-      sight = {static_cast<float>(m.x),     static_cast<float>(m.y),     static_cast<float>(per_x.x),
-               static_cast<float>(per_x.y), static_cast<float>(per_y.x), static_cast<float>(per_y.y)};
-      largest_tangent_ =
-          std::max(largest_tangent_, static_cast<double>(std::sqrt(sight.x * sight.x + sight.y * sight.y)));
-    }
-  for (std::size_t tile = 0; tile < grid_.tiles(); ++tile) {
-    const Sight* const begin = &sights_[tile * TileGrid::kPixelsPerTile];
-    TileSight& view = tile_sights_.emplace_back(TileSight{
-        begin[0], 0, Vec2(grid_.x(tile * TileGrid::kPixelsPerTile), grid_.y(tile * TileGrid::kPixelsPerTile))});
-    for (std::size_t i = 0; i < TileGrid::kPixelsPerTile; ++i)
-      if (grid_.on_sensor(tile * TileGrid::kPixelsPerTile + i)) {
-        const float x = begin[i].x - view.centre.x, y = begin[i].y - view.centre.y;
-        const double distance = static_cast<double>(std::sqrt(x * x + y * y) / view.centre.scale() * 1.5f);
-        view.radius_px =
-            std::isfinite(distance) ? std::max(view.radius_px, distance) : std::numeric_limits<double>::infinity();
-      }
-  }
-}
 
 inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
   Frame frame;
@@ -194,9 +145,9 @@ inline SceneRenderer::Frame SceneRenderer::at(double seconds) const {
 
 inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size_t index,
                                                    const Activity& activity) const {
-  const Vec2 pixel = tile_sights_[index / TileGrid::kPixelsPerTile].corner +
-                     Vec2(static_cast<double>(index % TileGrid::kSide),
-                          static_cast<double>(index / TileGrid::kSide % TileGrid::kSide));
+  const Vec2 pixel =
+      sights_.tile(TileGrid::tile(index)).corner + Vec2(static_cast<double>(index % TileGrid::kSide),
+                                                        static_cast<double>(index / TileGrid::kSide % TileGrid::kSide));
   double light = 0, remaining = 1, clearance = std::numeric_limits<double>::infinity();
 
   for (const std::size_t i : activity.occluders) {
@@ -216,7 +167,7 @@ inline SceneRenderer::Sample SceneRenderer::sample(const Frame& frame, std::size
 
   std::array<MarkerView::Sample, 8> sheets;  // the nearest ones, nearest first; others are left out
   std::size_t count = 0;
-  const Sight& sight = sights_[index];
+  const Sight& sight = sights_.pixel(index);
   if (fisheye_) clearance = std::min(clearance, fisheye_reach_px(sight, camera_.focal_length()));
   if (remaining > 0 && sight.exists())
     for (const std::size_t i : activity.markers) {
@@ -247,7 +198,7 @@ inline SceneRenderer::Motion SceneRenderer::motion(const Frame& from, const Fram
     motion.background = motion.largest * std::min(1.0, point_spread_px_ / (0.2 * scene_.background.texture_size_px));
   }
   // Points far outside of the field of view do not matter, and a lens model may project them anywhere.
-  const auto in_sight = [&](Vec2 m) { return norm(m) < 1.3 * largest_tangent_; };
+  const auto in_sight = [&](Vec2 m) { return norm(m) < 1.3 * sights_.largest_tangent(); };
   const auto pixel = [&](Vec2 m) -> Vec2 { return camera_.project({m.x, m.y, 1}); };
   for (std::size_t i = 0; i < from.markers_.size(); ++i) {
     double& largest = motion.markers.emplace_back(0);
@@ -281,7 +232,7 @@ inline void SceneRenderer::compute_activity(std::size_t tile, const Frame& from,
     activity.contents = mix_bits(activity.contents + appearance) + i + 1;
   };
   const double margin = 2 * kEdgeReach * point_spread_px_;
-  const auto& sight = tile_sights_[tile];
+  const TileSight& sight = sights_.tile(tile);
   for (std::size_t i = 0; i < from.markers_.size(); ++i) {
     const auto &before = from.markers_[i], &after = to.markers_[i];
     const auto reaches = [&](const MarkerView& view) {

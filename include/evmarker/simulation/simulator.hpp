@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -14,6 +13,7 @@
 #include "evmarker/simulation/event_pixel.hpp"
 #include "evmarker/simulation/event_queue.hpp"
 #include "evmarker/simulation/leak_schedule.hpp"
+#include "evmarker/simulation/motion_segment.hpp"
 #include "evmarker/simulation/pixel_noise.hpp"
 #include "evmarker/simulation/random.hpp"
 #include "evmarker/simulation/scene_renderer.hpp"
@@ -34,7 +34,7 @@ class Simulator {
       : settings_(validated(settings)),
         renderer_(camera, std::move(scene), settings.point_spread_px),
         end_us_(settings.duration_s * 1e6),
-        segment_us_(settings.max_step_us),
+        segmenter_(settings),
         leaks_(grid(), settings.leak_hz_per_px > 0),
         noise_(grid(), settings.noise_hz_per_px, Random(settings.seed, kNoiseStream)) {
     const auto start = renderer_.at(0);
@@ -76,7 +76,7 @@ class Simulator {
   /// Time up to which the simulation has come [us].
   Timestamp now() const noexcept { return static_cast<Timestamp>(now_us_); }
   /// Fastest motion in the image so far [px/s].
-  double peak_speed_px_per_s() const noexcept { return peak_speed_px_per_s_; }
+  double peak_speed_px_per_s() const noexcept { return segmenter_.peak_speed_px_per_s(); }
 
   /// Linear intensity of the image at any time, row by row, as seen by a frame camera with an infinitely short
   /// exposure.
@@ -84,26 +84,9 @@ class Simulator {
 
  private:
   static constexpr std::size_t kSegmentsPerBatch = 16;
-  static constexpr int kTicksPerStep = 8;      // resolution of a step's length
-  static constexpr int kStepsPerSegment = 64;  // largest number of steps of the fastest thing
-  static constexpr double kShortestSegmentUs = 10;
   static constexpr float kNow = -1, kNever = std::numeric_limits<float>::infinity();  // values of wake_px_
   static constexpr double kNoDrift = std::numeric_limits<double>::infinity();
   static constexpr std::uint64_t kNoiseStream = 2, kLatencyStream = 3;  // make_pixel uses 1 and 4
-
-  // A piece of time in which all motions are nearly uniform, divided into ticks. Frames are computed on demand.
-  struct Segment {
-    double begin_us, end_us;
-    SceneRenderer::Motion motion;
-    std::size_t ticks;
-    std::vector<std::optional<SceneRenderer::Frame>> frames;  // at the ends of the ticks
-
-    // Time of the start of a tick; of the end of the segment for `ticks`.
-    double us(std::size_t tick) const {
-      return tick == ticks ? end_us
-                           : begin_us + (end_us - begin_us) * static_cast<double>(tick) / static_cast<double>(ticks);
-    }
-  };
 
   struct Tile {
     double moved_px = 0;         // sum of the motions of its steps
@@ -132,7 +115,7 @@ class Simulator {
     segments_.clear();
     double t = now_us_, drift_px = 0;  // the background moves by one step per batch
     while (segments_.size() < kSegmentsPerBatch && t < end_us_ && drift_px < 0.9 * settings_.max_step_px) {
-      segments_.push_back(next_segment(t, settings_.max_step_px - drift_px));
+      segments_.push_back(segmenter_.next(renderer_, t, settings_.max_step_px - drift_px));
       t = segments_.back().end_us;
       drift_px += segments_.back().motion.background;
     }
@@ -148,32 +131,6 @@ class Simulator {
     queue_.release(now_us_, batch_);
   }
 
-  // A segment from a time on, as long as allowed by max_step_us, by kStepsPerSegment steps of the fastest thing, and by
-  // a motion of the background of `drift_limit_px`, but at least of kShortestSegmentUs (up to the end of the
-  // simulation).
-  Segment next_segment(double begin_us, double drift_limit_px) {
-    auto from = renderer_.at(begin_us * 1e-6);
-    const double rest = end_us_ - begin_us, limit_px = kStepsPerSegment * settings_.max_step_px;
-    for (segment_us_ = std::min(1.5 * segment_us_, settings_.max_step_us);;) {
-      const double end_us = segment_us_ < rest ? begin_us + segment_us_ : end_us_, length = end_us - begin_us;
-      auto to = renderer_.at(end_us * 1e-6);
-      auto motion = renderer_.motion(from, to);
-      const double excess = std::max(motion.largest / limit_px, motion.background / drift_limit_px);
-      if (excess > 1 && length > kShortestSegmentUs) {
-        segment_us_ = std::max(kShortestSegmentUs, length * std::clamp(0.95 / excess, 0.2, 0.95));
-        continue;
-      }
-      peak_speed_px_per_s_ = std::max(peak_speed_px_per_s_, motion.largest / length * 1e6);
-      const double steps = std::min<double>(std::ceil(motion.largest / settings_.max_step_px), kStepsPerSegment);
-      const auto ticks = kTicksPerStep * static_cast<std::size_t>(std::max(1.0, steps));
-      Segment segment{begin_us, end_us, std::move(motion), ticks, {}};
-      segment.frames.resize(ticks + 1);
-      segment.frames.front() = std::move(from);
-      segment.frames.back() = std::move(to);
-      return segment;
-    }
-  }
-
   // Advances a tile through the segments of a batch. A step ends when something in the tile has moved by max_step_px,
   // at both ends of a segment in which the tile's contents change, and at the end of the batch. Steps in which no pixel
   // of the tile is due are left out.
@@ -181,7 +138,7 @@ class Simulator {
     Tile& tile = tiles_[index];
     Progress progress{index, segments_.front().begin_us, 0, noise};
 
-    for (Segment& segment : segments_) {
+    for (MotionSegment& segment : segments_) {
       renderer_.compute_activity(index, *segment.frames.front(), *segment.frames.back(), segment.motion,
                                  next_activity_);
       const bool contents_change = next_activity_.contents != tile.contents;
@@ -214,7 +171,7 @@ class Simulator {
       }
       if (contents_change) advance_due_pixels(segment, segment.ticks, progress);
     }
-    Segment& last = segments_.back();
+    MotionSegment& last = segments_.back();
     const bool awake = static_cast<double>(tile.wake_px) < tile.moved_px + progress.moved_px;
     if (awake || leaks_.due(index, last.end_us) || !progress.noise.empty() || tile.drifts)
       advance_due_pixels(last, last.ticks, progress);
@@ -232,7 +189,7 @@ class Simulator {
 
   // Advances the due pixels of a tile to the start of a tick. At the end of the batch, those that see a moving
   // background are due too.
-  void advance_due_pixels(Segment& segment, std::size_t tick, Progress& progress) {
+  void advance_due_pixels(MotionSegment& segment, std::size_t tick, Progress& progress) {
     const double t = segment.us(tick);
     auto& frame = segment.frames[tick];
     if (!frame) frame = renderer_.at(t * 1e-6);
@@ -294,9 +251,9 @@ class Simulator {
   SimulatorSettings settings_;
   SceneRenderer renderer_;
   double now_us_ = 0;
-  double end_us_, segment_us_;
-  double peak_speed_px_per_s_ = 0;
-  std::vector<Segment> segments_;
+  double end_us_;
+  MotionSegmenter segmenter_;
+  std::vector<MotionSegment> segments_;
   std::vector<Tile> tiles_;
   std::vector<EventPixel> pixels_;         // in the order of the grid
   std::vector<float> wake_px_;             // per pixel: due when moved_px of its tile exceeds it

@@ -28,7 +28,7 @@ class ConfirmedMarkers {
     markers_.reserve(max_markers);
   }
 
-  /// There must be room, and no events may be queued; likewise for `erase` and `remove_lost`.
+  /// There must be fewer than `max_markers`. Here and for `erase` and `remove_lost`, no events may be queued.
   void add(PlanarHypotheses<Rule> marker) {
     markers_.push_back(std::move(marker));
     update_all_tiles();
@@ -53,8 +53,8 @@ class ConfirmedMarkers {
       tiles_.for_each_at(event, push_to);
   }
 
-  /// Queues the event; its markers get it at the next `flush` at the latest. Where several markers may own it, it
-  /// depends on their poses which one hides which: queued events that may change one of these poses are flushed first.
+  /// Queues the event; its markers get it at the next `flush` at the latest. Where markers overlap, their poses decide
+  /// which one hides which, so that queued events that may change one of these poses are flushed first.
   /// @param number of the event, below 65536; `use(pose, number)` is called with that of the event that led to the pose
   template <std::invocable<const PoseEstimate&, std::size_t> Use>
   void enqueue(const Event& event, std::size_t number, const Use& use) {

@@ -55,7 +55,7 @@ class MarkerTracker {
                       lines_of_sight_.focal_length() * lines_of_sight_.image().high};
       start_search_.emplace(this->model(), lines_of_sight_.focal_length(), image, T_camera_marker,
                             *settings.start_search);
-      starting_ = true;
+      start_pending_ = true;
     }
   }
 
@@ -70,8 +70,8 @@ class MarkerTracker {
     return last;
   }
 
-  /// Takes events and calls `use(pose)` with each pose, valid during the call: the same poses as one by one, and
-  /// faster. While the events since a found start are replayed, several with each new one, only the last pose of those.
+  /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are those of single events, in
+  /// less time. After a start search past events are replayed, several with each new one: only their last pose is used.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
@@ -95,7 +95,7 @@ class MarkerTracker {
   void push_checked(std::span<const Event> events,
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>(), Event()))) {
     while (!events.empty() && state_ != TrackingState::lost) {
-      const bool single = events.size() == 1 || starting_ || !follower_.accepts_groups();
+      const bool single = events.size() == 1 || start_pending_ || !follower_.accepts_groups();
       std::size_t taken = 1;
       if (!single)
         taken = push_group(events, use);
@@ -117,8 +117,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing length of the gap, counted from the last event on or near the marker: from then to the gap none
-  /// came, so that it did not move
+  /// @param missing time from the last event on or near the marker to the end of the gap: before the gap, the marker
+  /// made no further events, so that it did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
@@ -126,10 +126,10 @@ class MarkerTracker {
       start_search_->forget();
       return nullptr;
     }
-    if (!started_) return nullptr;
+    if (!had_near_event_) return nullptr;
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
-      if (!starting_ && vertices_known_to_matching_distance(pose_at(t))) {
+      if (!start_pending_ && vertices_known_to_matching_distance(pose_at(t))) {
         follower_.extrapolate(t, t_);
         verification_.restart(follower_);
         t_ = t;
@@ -174,22 +174,22 @@ class MarkerTracker {
   /// Events with lines of sight (X/Z, Y/Z) outside of this box have no effect. It holds until the next pose.
   /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
-    return starting_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
+    return start_pending_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
   }
 
   /// True while it tracks and no evidence speaks against that.
   bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
 
   /// True only if the next `events` events, whichever they are, cannot change the pose, the state or `reliable()`. May
-  /// be false without need.
+  /// be false although nothing would change.
   bool unchanged_by_next(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
-    return !starting_ && events < follower_.until_update() && !verification_.ends_within(events) &&
+    return !start_pending_ && events < follower_.until_update() && !verification_.ends_within(events) &&
            health_.not_due_within(events);
   }
 
   /// True while the marker is searched around its start pose: the state is `converging`, there is no pose yet.
-  bool searching() const noexcept { return starting_ && start_search_->searching(); }
+  bool searching() const noexcept { return start_pending_ && start_search_->searching(); }
   /// The search around the start pose, also when it is over; null without one.
   const StartPoseSearch* start_search() const noexcept { return start_search_ ? &*start_search_ : nullptr; }
 
@@ -203,8 +203,8 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // Takes an event that the guard does not simply pass. It is held in place of the one held so far, or it first
-  // releases that one and is judged again, or it passes.
+  // For an event whose time may be wrong. It is held in place of the one held so far; or it confirms that one, which is
+  // then pushed first; or it passes.
   template <typename Use>
   [[gnu::noinline]] void push_suspect(const Event& event, const Use& use) {
     TimeGuard::Verdict verdict = guard_.judge(event);
@@ -219,7 +219,7 @@ class MarkerTracker {
   [[gnu::always_inline]] const PoseEstimate* push_one(const Event& event) noexcept {
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Vec2 m = lines_of_sight_(event);
-    return starting_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
+    return start_pending_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
   }
 
   // Several events by loops that become vector instructions. Returns how many were taken.
@@ -248,10 +248,10 @@ class MarkerTracker {
     const auto [match, updated, segment] = result;
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
-    started_ = true;
+    had_near_event_ = true;
     health_.add(match, segment);
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
-      take_verification_result(*error);
+      apply_verification(*error);
     if (updated) after_update();
     // With updates and near events only: an event that is merely collected stays cheap.
     if (settled_ && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
@@ -289,8 +289,8 @@ class MarkerTracker {
   }
 
   // True once the start has been refined: by enough matched events, or at once after a start search, which has fitted
-  // it to events. If the rule has a covariance, all vertices must be known to within the matching distance, too, or the
-  // events be four times enough.
+  // it to events. If the rule has a covariance, all vertices must also be known to within the matching distance, unless
+  // there were four times as many events.
   bool settles() const noexcept {
     const int needed = follower_.events_to_fix_pose();
     if constexpr (MotionEstimatingRule<Rule>)
@@ -343,18 +343,18 @@ class MarkerTracker {
     }
     start_search_->keep(event);
     const PoseEstimate* pose = nullptr;
-    for (int i = 0; i < kReplayed && starting_ && state_ != TrackingState::lost; ++i) {
+    for (int i = 0; i < kReplayed && start_pending_ && state_ != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
       if (const auto* next = after_event(past, follower_.push(lines_of_sight_(past), past.t, polarity(past))))
         pose = next;
-      starting_ = start_search_->replaying();
+      start_pending_ = start_search_->replaying();
     }
     return pose;
   }
 
-  // Takes the result of a verification. A converging tracker may fail it because its start was off. Later, one failure
-  // may be chance, and the next window begins at once; two in a row are no chance.
-  [[gnu::noinline]] void take_verification_result(const BacktrackError& error) noexcept {
+  // Acts on the result of a verification. A converging tracker may fail because its start was off. Later, one failure
+  // may be chance, so that the next window begins at once; after two in a row the marker is lost.
+  [[gnu::noinline]] void apply_verification(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;
@@ -392,9 +392,9 @@ class MarkerTracker {
   Visibility visibility_;
   PoseEstimate pose_;  // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
-  bool starting_ = false;  // searching, or replaying the events since the time of the pose found
-  Timestamp t_;            // of the last event on or near the marker, or of its start
-  bool started_ = false;   // there has been such an event
+  bool start_pending_ = false;   // the start search has not found a pose, or not replayed all events since that pose
+  Timestamp t_;                  // of the last event on or near the marker, or of its start
+  bool had_near_event_ = false;  // there has been an event on or near the marker
   std::int64_t matched_ = 0;
   bool ambiguous_ = false;                      // another pose may be the right one
   bool settled_ = false;                        // the start has been refined: what follows is evidence

@@ -51,13 +51,13 @@ class TentativeMarker {
     wrong_tilt_ = sighting == Sighting::wrong_tilt;
   }
   int sightings() const noexcept { return sightings_; }
-  bool hopeless() const noexcept { return marker_.lost() || wrong_tilt_ || frames_ > kPatience; }
+  bool hopeless() const noexcept { return marker_.lost() || wrong_tilt_ || frames_ > kMostFrames; }
 
   PlanarHypotheses<Rule>& marker() noexcept { return marker_; }
   const PlanarHypotheses<Rule>& marker() const noexcept { return marker_; }
 
  private:
-  static constexpr int kPatience = 10;  // [frames]
+  static constexpr int kMostFrames = 10;  // without enough sightings
 
   PlanarHypotheses<Rule> marker_;
   std::uint64_t next_;       // number of the next event to replay

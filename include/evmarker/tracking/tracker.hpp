@@ -1,11 +1,12 @@
 #pragma once
 // Tracks many markers from their detection on: filter, detect, register, track, verify, drop, detect again.
 #include <algorithm>
-#include <array>
 #include <concepts>
+#include <optional>
 #include <ranges>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "evmarker/tracking/tracker_core.hpp"
 
@@ -24,7 +25,7 @@ class Tracker {
   Tracker(const Camera& camera, Detector detector, const Settings& settings = {})
       : Tracker(camera, std::move(detector), settings, Filter(camera.sensor_size(), settings.filter_window)) {}
 
-  /// The same with a given noise filter.
+  /// As above, with a noise filter of your own.
   template <CameraModel Camera>
   Tracker(const Camera& camera, Detector detector, const Settings& settings, Filter filter)
       : core_(camera, settings, std::move(filter)), detector_(std::move(detector)) {

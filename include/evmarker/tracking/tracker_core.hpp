@@ -13,14 +13,15 @@
 #include "evmarker/detection/detection_request.hpp"
 #include "evmarker/events/event_history.hpp"
 #include "evmarker/events/hot_pixels.hpp"
-#include "evmarker/events/noise_floor.hpp"
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/confirmed_markers.hpp"
 #include "evmarker/tracking/detection_schedule.hpp"
+#include "evmarker/tracking/event_preprocessor.hpp"
 #include "evmarker/tracking/marker_range.hpp"
+#include "evmarker/tracking/missing_markers.hpp"
 #include "evmarker/tracking/planar_hypotheses.hpp"
 #include "evmarker/tracking/pose_outbox.hpp"
 #include "evmarker/tracking/tentative_markers.hpp"
@@ -37,7 +38,7 @@ namespace evmarker {
 /// would remove the first ones of a slow edge. Nothing gets those of hot pixels, see HotPixels.
 ///
 /// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. A time
-/// in which even the noise stops, see NoiseFloor, is a gap in which events were lost, as one told by `skip_to`.
+/// in which even the noise stops, see NoiseFloor, is a gap in which events were lost, as one that `skip_to` reports.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -48,28 +49,23 @@ class TrackerCore {
   TrackerCore(const Camera& camera, const Settings& settings, Filter filter)
       : settings_(settings),
         lines_of_sight_(camera),
-        filter_(std::move(filter)),
-        hot_pixels_(camera.sensor_size()),
-        noise_floor_(camera.sensor_size()),
-        frame_(camera.sensor_size()),
-        history_(settings.history_events),
+        events_(camera.sensor_size(), std::move(filter), settings.history_events),
         schedule_(settings),
         confirmed_(lines_of_sight_, settings.max_markers),
         tentative_(settings.max_markers),
+        missing_(settings.max_markers),
         // A pose for each of the at most kBetweenChecks events of `push_many`, and one for each marker that is lost or
         // announced. It grows only if nearly every event updates several overlapping markers.
         poses_(settings.max_markers + kBetweenChecks) {
     validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
-    // From one request of a detection to the next: those that were missing before, those lost until the result, and
-    // those that it adds.
-    missing_.reserve(3 * settings.max_markers);
   }
 
-  /// Takes some of the events, from the first on; to be called again with the others. Calls `use(pose)` with each pose
-  /// that they lead to, in the order of the events, valid during the call.
-  /// @param stop is called with each event that has passed the noise filter; true: none is taken after it
-  /// @return how many were taken. 0: an event that TimeGuard had held back was taken first
+  /// Tracks the first of the events, as many as can be tracked in one go; to be called again with the rest. Calls
+  /// `use(pose)` with each pose that they lead to, in the order of the events, valid during the call.
+  /// @param stop called with each event that has passed the noise filter; if it returns true, that event is the last
+  /// one
+  /// @return how many were tracked; 0 if an event that TimeGuard had held back was tracked instead
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
@@ -79,14 +75,14 @@ class TrackerCore {
     return taken;
   }
 
-  /// Time of the event that `push` would take first: of the one held back if `event` confirms it, else of `event`;
+  /// Time of the event that `push` would track first: of the one held back if `event` confirms it, else of `event`;
   /// nothing if `event` would be held back itself [us].
   std::optional<Timestamp> next_t(const Event& event) const noexcept { return guard_.next_t(event.t); }
 
-  /// True while a marker that was detected has not been given all events since.
-  bool behind() const noexcept { return !tentative_.caught_up(history_); }
+  /// True while a detected marker has not been given all events since its detection.
+  bool behind() const noexcept { return !tentative_.caught_up(events_.history()); }
 
-  /// Gives such markers at most `events` events each: for a time in which no new ones come.
+  /// Gives these markers at most `events` of the missed events each; to be called while no new events come.
   template <std::invocable<const PoseEstimate&> Use>
   void catch_up(int events, const Use& use) {
     catch_up(events);
@@ -104,23 +100,22 @@ class TrackerCore {
     deliver(use);
   }
 
-  /// True if a detection should be requested now, at the time of the last event that was taken. False while a result is
-  /// pending.
+  /// True if a detection should be requested now, at the time of the last event that was tracked. False while a result
+  /// is pending.
   bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, search_often_); }
 
-  /// True while a marker that should be there is missing: none is confirmed, one waits for it, or was lost just now.
+  /// True while no marker is confirmed, one waits to be confirmed, or one was lost a short time ago.
   bool searching() const noexcept { return confirmed_.empty() || !tentative_.empty() || !missing_.empty(); }
 
   /// What the detector should say about the frame as it is now. From here on its result is pending.
   DetectionRequest request_detection(Timestamp t) {
     ++statistics_.detections;
     schedule_.begin(t);
-    forget_missing(t);
+    missing_.remove_unpredictable(t);
     DetectionRequest request{
-        .t = t, .events_in_frame = history_.pushed(), .focal_length = lines_of_sight_.focal_length()};
-    tentative_.request_sightings(request, history_);
-    for (const PlanarHypotheses<Rule>& marker : missing_)
-      request.missing.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
+        .t = t, .events_in_frame = events_.history().pushed(), .focal_length = lines_of_sight_.focal_length()};
+    tentative_.request_sightings(request, events_.history());
+    missing_.request_searches(request);
     for (const PlanarHypotheses<Rule>& marker : confirmed_.all())
       if (marker.tracker().state() == TrackingState::tracking)
         request.tracked.push_back({marker.id(), marker.tracker().pose_at(t).T_camera_marker});
@@ -140,12 +135,7 @@ class TrackerCore {
     schedule_.end();
     confirmed_.free_memory();
     statistics_.unusable_poses += result.unusable_poses;
-    // One that only the detector's `search` found stays missing: it may be wrong, so it is searched again until
-    // `detect` finds it.
-    std::erase_if(missing_, [&](const PlanarHypotheses<Rule>& marker) {
-      return std::ranges::any_of(result.detected_markers(),
-                                 [&](const auto& detected) { return detected.detection.id == marker.id(); });
-    });
+    missing_.remove_detected(result);
     tentative_.add(result.sightings);
     announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
@@ -157,7 +147,7 @@ class TrackerCore {
       if (has_tracker(found.detection.id)) continue;
       if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
       tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, found.model, found.detection, settings_.marker),
-                      result.events_in_frame, history_});
+                      result.events_in_frame, events_.history()});
     }
     announce_confirmed();  // those just added, if one detection is enough
     move_lost_to_missing();
@@ -167,20 +157,20 @@ class TrackerCore {
   }
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
-  const PolarityFrame& polarity_frame() const noexcept { return frame_; }
+  const PolarityFrame& polarity_frame() const noexcept { return events_.frame(); }
   /// Time of the last event pushed [us].
   Timestamp last_t() const noexcept { return last_t_; }
   /// The `MarkerTracker` of every confirmed marker.
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
-  static constexpr std::uint64_t kForEver = 1000000000;  // [us]: after longer gaps, nothing is known
-  static constexpr std::size_t kTogether = 64;           // events for each marker: enough for good groups
+  static constexpr std::uint64_t kLongestGap_us = 1000000000;  // after longer ones, no more is known than after this
+  static constexpr std::size_t kTogether = 64;                 // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
 
-  enum class Intake { discarded, filtered_out, accepted };
+  using Verdict = typename EventPreprocessor<Filter>::Verdict;
 
   template <typename Stop>
   std::size_t push_one(const Event& event, const Stop& stop) {
@@ -188,21 +178,20 @@ class TrackerCore {
     const TimeGuard::Verdict verdict = judge(event);
     if (verdict == TimeGuard::Verdict::release) {
       skip_outage(guard_.held().t);
-      take(guard_.held(), stop);
+      track(guard_.held(), stop);
       return 0;  // `event` is pushed again
     }
     ++statistics_.events;
-    if (verdict == TimeGuard::Verdict::pass) take(event, stop);
+    if (verdict == TimeGuard::Verdict::pass) track(event, stop);
     return 1;
   }
 
   // Goes on after a time without any event if the sensor or its transmission has failed meanwhile. What the frame
   // showed before may have moved away.
   void skip_outage(Timestamp t) {
-    constexpr double kEnough = 20;  // noise events that did not come: by chance, in 2 of 10^9 such times
-    if (!is_harmful_gap(t) || noise_floor_.expected_events(last_t_, t) < kEnough) return;
+    if (!is_harmful_gap(t) || !events_.is_outage(last_t_, t)) return;
     ++statistics_.outages;
-    frame_.clear();
+    events_.clear_frame();
     skip_missing(t);
   }
 
@@ -213,24 +202,25 @@ class TrackerCore {
 
   // Events are missing from the last one to t.
   void skip_missing(Timestamp t) {
-    const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kForEver));
-    followable_from_ = history_.pushed();
-    tentative_.skip(missing, history_);
+    const auto missing = std::chrono::microseconds(std::min<std::uint64_t>(elapsed_us(last_t_, t), kLongestGap_us));
+    followable_from_ = events_.history().pushed();
+    tentative_.skip(missing, events_.history());
     confirmed_.skip(missing, [this](const PoseEstimate& pose) { collect(pose); });
     move_lost_to_missing();
     search_often_ = searching();
   }
 
+  // Tracks one event whose time has been checked.
   template <typename Stop>
-  void take(const Event& event, const Stop& stop) {
-    hot_pixels_.count(std::span(&event, 1));
-    const Intake intake = take_in(event);
-    if (intake == Intake::discarded) return;
+  void track(const Event& event, const Stop& stop) {
+    events_.count(std::span(&event, 1));
+    const Verdict verdict = preprocess(event);
+    if (verdict == Verdict::discarded) return;
     confirmed_.push(event, [this](const PoseEstimate& pose) { collect(pose); });
     if (!poses_.empty()) move_lost_to_missing();  // a loss comes with a pose
     if (!tentative_.empty()) [[unlikely]]
       catch_up(kCatchUp);
-    if (intake == Intake::accepted) stop(event);
+    if (verdict == Verdict::accepted) stop(event);
   }
 
   // The same poses as one by one, and faster: each marker gets its events in groups.
@@ -245,12 +235,12 @@ class TrackerCore {
       const Event& event = events[taken];
       if (events.size() - taken > kPrefetchDistance) prefetch(events[taken + kPrefetchDistance]);
       ++statistics_.events;  // here and not for the batch: the filter may throw
-      const Intake intake = take_in(event);
-      if (intake == Intake::discarded) continue;
+      const Verdict verdict = preprocess(event);
+      if (verdict == Verdict::discarded) continue;
       confirmed_.enqueue(event, taken, collector());
-      if (intake == Intake::accepted) stopped = stop(event);
+      if (verdict == Verdict::accepted) stopped = stop(event);
     }
-    hot_pixels_.count(events.first(taken));
+    events_.count(events.first(taken));
     guard_.passed(last_t_);
     confirmed_.flush(collector());
     if (!poses_.empty()) move_lost_to_missing();
@@ -262,13 +252,13 @@ class TrackerCore {
   void check_if_due() noexcept {
     if (statistics_.events % kBetweenChecks != 0) return;
     search_often_ = searching();
-    hot_pixels_.update();
+    events_.update_hot_pixels();
   }
 
   // With many markers, what an event looks up is all over the memory.
   [[gnu::always_inline]] void prefetch(const Event& event) const noexcept {
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return;
-    if constexpr (requires { filter_.prefetch(event); }) filter_.prefetch(event);
+    events_.prefetch(event);
     lines_of_sight_.prefetch(event);
   }
 
@@ -281,31 +271,17 @@ class TrackerCore {
     return verdict;
   }
 
-  // Counts, filters and stores an event that TimeGuard has passed.
-  [[gnu::always_inline]] Intake take_in(const Event& event) {
+  // Filters an event whose time has been checked, and counts what becomes of it.
+  [[gnu::always_inline]] Verdict preprocess(const Event& event) {
     statistics_.time_steps_back += event.t < last_t_;
     last_t_ = event.t;
-    if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) {
-      ++statistics_.off_sensor;
-      return Intake::discarded;
-    }
-    if (hot_pixels_.is_hot(event)) [[unlikely]] {
-      ++statistics_.hot;
-      return Intake::discarded;
-    }
-    if (!filter_.accept(event)) {
-      ++statistics_.filtered;
-      noise_floor_.add(event);
-      return Intake::filtered_out;
-    }
-    schedule_.count_event();
-    frame_.update(event);
-    history_.push(event);
-    return Intake::accepted;
+    const Verdict verdict = events_.process(event, statistics_);
+    if (verdict == Verdict::accepted) schedule_.count_event();
+    return verdict;
   }
 
   void catch_up(int events) {
-    tentative_.catch_up(history_, events, statistics_);
+    tentative_.catch_up(events_.history(), events, statistics_);
     announce_confirmed();
   }
 
@@ -327,35 +303,22 @@ class TrackerCore {
     if (!poses_.empty()) poses_.hand_over(use);
   }
 
-  // The detector may find lost markers again. They are in the order of their losses, also where a batch has lost
-  // several.
+  // The detector may find lost markers again.
   void move_lost_to_missing() {
-    const std::size_t before = missing_.size();
-    confirmed_.remove_lost([&](PlanarHypotheses<Rule>& marker) { missing_.push_back(std::move(marker)); });
-    if (missing_.size() == before) return;
-    schedule_.note_all_tracked(false);
-    std::ranges::sort(missing_, {},
-                      [](const auto& marker) { return std::pair(marker.tracker().estimate().t, marker.id()); });
-  }
-
-  // For a short time after its loss a marker is searched for where its motion must have taken it.
-  void forget_missing(Timestamp t) {
-    constexpr std::uint64_t kPredictable = 100000;  // [us]
-    std::erase_if(missing_,
-                  [&](const auto& marker) { return elapsed_us(marker.tracker().estimate().t, t) > kPredictable; });
-    if (missing_.size() > settings_.max_markers)  // the oldest
-      missing_.erase(missing_.begin(), missing_.end() - static_cast<std::ptrdiff_t>(settings_.max_markers));
+    if (missing_.add_lost_of(confirmed_)) schedule_.note_all_tracked(false);
   }
 
   // Announces the markers that were seen often enough and have caught up.
   void announce_confirmed() {
-    tentative_.release_confirmed(settings_.detections_to_confirm, history_, [&](PlanarHypotheses<Rule>& marker) {
-      // Without an update there is no pose to report yet.
-      if (marker.tracker().estimate().quality.matched > 0) collect(marker.tracker().estimate());
-      ++statistics_.registered;
-      schedule_.note_found(last_t_);
-      confirmed_.add(std::move(marker));
-    });
+    tentative_.release_confirmed(settings_.detections_to_confirm, events_.history(),
+                                 [&](PlanarHypotheses<Rule>& marker) {
+                                   // Without an update there is no pose to report yet.
+                                   if (marker.tracker().estimate().quality.matched > 0)
+                                     collect(marker.tracker().estimate());
+                                   ++statistics_.registered;
+                                   schedule_.note_found(last_t_);
+                                   confirmed_.add(std::move(marker));
+                                 });
   }
 
   bool has_tracker(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
@@ -383,15 +346,11 @@ class TrackerCore {
   Settings settings_;
   UndistortionTable lines_of_sight_;
   TimeGuard guard_;
-  Filter filter_;
-  HotPixels hot_pixels_;
-  NoiseFloor noise_floor_;
-  PolarityFrame frame_;
-  EventHistory history_;
+  EventPreprocessor<Filter> events_;
   DetectionSchedule schedule_;
   ConfirmedMarkers<Rule> confirmed_;  // announced
   TentativeMarkers<Rule> tentative_;
-  std::vector<PlanarHypotheses<Rule>> missing_;  // lost a short time ago
+  MissingMarkers<Rule> missing_;
   PoseOutbox poses_;
   bool search_often_ = true;  // `searching()` as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();

@@ -19,8 +19,8 @@ struct TrackerSettings {
   /// The same while a marker is missing: none is tracked, one is not confirmed yet, or one was confirmed or lost less
   /// than 0.1 s ago.
   std::chrono::microseconds search_interval{5000};
-  /// The same while every marker that the detector knows is tracked, see EnumeratingDetector: a detection then only
-  /// tells whether one of them is elsewhere.
+  /// The same while every marker that the detector may find is tracked, see EnumeratingDetector: a detection then only
+  /// shows whether one of them is elsewhere.
   std::chrono::microseconds check_interval{250000};
   /// Camera time from the request of a detection to the use of its result, as if the detector took so long. The events
   /// in between are replayed into the trackers of the new markers.

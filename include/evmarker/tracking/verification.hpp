@@ -17,7 +17,7 @@ namespace evmarker {
 
 struct VerificationSettings {
   int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
-  int every = 2;                  ///< the first of this number of windows is backtracked; 1: all, for twice the cost
+  int every = 2;                  ///< one window in this many is backtracked; 1: all, at twice the cost
   double max_translation_px = 5;  ///< epsilon_T
   /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / s where that is more, with the marker's size
   /// s in the image: about each of three axes, an angle by which opposite sides move apart by max_translation_px.
@@ -128,7 +128,7 @@ class Verification {
   static constexpr double kPapersRotation_rad = 0.15;
   static constexpr double kMaxSigmas = 6;       // standard deviations
   static constexpr std::size_t kStepsBack = 2;  // for each new event: done in half of the time of the next window
-  static constexpr int kWait = 16;  // events after which steps are made, for all of them at once: that costs less
+  static constexpr int kWait = 16;  // events after which the steps for all of them are made at once, which costs less
 
   [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,
                                                          const EdgeFollower<Rule>& forward,
@@ -153,9 +153,9 @@ class Verification {
     const bool complete = (brief_ ? window_.size() >= brief_events_
                                   : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
                           steps_left_ == 0;
-    const bool crowded = window_.size() > window_.capacity() - window_.capacity() / 8;
-    if (!updated || (!complete && !crowded)) return error;
-    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // crowded: to its end
+    const bool nearly_full = window_.size() > window_.capacity() - window_.capacity() / 8;
+    if (!updated || (!complete && !nearly_full)) return error;
+    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // nearly full: to its end
     turn_back(forward);
     begin_filling(forward);
     if (std::exchange(brief_, false)) return step_back(steps_left_, lines_of_sight);  // a tracker waits for the result

@@ -49,7 +49,7 @@ class WireframeTracker {
   WireframeTracker(const Camera& camera, const Wireframe& body, const Settings& settings = {})
       : WireframeTracker(camera, body, settings, Filter(camera.sensor_size(), settings.filter_window)) {}
 
-  /// The same with a given noise filter.
+  /// As above, with a noise filter of your own.
   template <CameraModel Camera>
   WireframeTracker(const Camera& camera, const Wireframe& body, const Settings& settings, Filter filter)
       : settings_(settings.marker),
