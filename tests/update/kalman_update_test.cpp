@@ -372,11 +372,12 @@ TEST_CASE("a trail that is known holds, and the pose does not trail") {
 }
 
 TEST_CASE("how far events trail is learned when the motion turns, and the pose does not trail") {
-  for (const auto& [offset_px, trail_px] : {std::pair{0.0, 0.4}, {0.2, 0.4}, {0.3, 0.2}, {0.2, 0.0}})
+  for (const auto& truth : {std::pair{0.0, 0.4}, {0.2, 0.4}, {0.3, 0.2}, {0.2, 0.0}})
     for (const int n : {1, 20, 100}) {
-      CAPTURE(offset_px);
-      CAPTURE(trail_px);
+      CAPTURE(truth.first);
+      CAPTURE(truth.second);
       CAPTURE(n);
+      const auto [offset_px, trail_px] = truth;
       const auto events = trailing_events(500000, offset_px, trail_px);
       REQUIRE(events.size() > 20000);
       Follower with = follower(swaying(0), n), without = with;
