@@ -16,7 +16,7 @@ cmake --build build/release --parallel "$(nproc)" --target simulate track_file e
   { tail -n 30 "$out/build.log" >&2; exit 1; }
 
 step "Simulating marker 7 in a swaying hand"
-"$bin/simulate" "$out/recording.raw" --camera "$out/camera.yml" --truth "$out/truth.csv" --ids 7 --duration 3
+"$bin/simulate" "$out/recording.raw" --calibration "$out/camera.yml" --truth "$out/truth.csv" --ids 7 --duration 3
 
 step "Tracking it"
 "$bin/track_file" "$out/recording.raw" --camera "$out/camera.yml" --dictionary DICT_4X4_50 --marker-length 0.10 \

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "camera_option.hpp"
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "interruption.hpp"
@@ -29,7 +30,8 @@ using namespace evmarker;
 namespace {
 
 struct Options {
-  std::string recording, camera, dictionary = "DICT_4X4_50", output;
+  std::string recording, dictionary = "DICT_4X4_50", output;
+  CameraOption camera;
   double marker_length = 0;
   std::vector<int> ids;
   int board_id = 100;
@@ -42,7 +44,8 @@ struct Options {
                    "the body, turned before the camera so that neighbouring markers are seen together: Prophesee RAW "
                    "or DAT, AEDAT, ROS, HDF5 or text")
         ->required();
-    app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
+    camera.add_to(app)->required();
+    camera.add_size_to(app);
     app.add_option("--marker-length", marker_length, "side of the black squares [m]")
         ->check(console::marker_length())
         ->required();
@@ -77,7 +80,7 @@ struct Options {
 // Adds the poses of all markers a hundred times a second; returns for how long they were recorded [s].
 double track(const Options& o, const PinholeCamera& camera, const TrackerSettings<>& settings,
              BoardCalibrator& calibrator) {
-  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera, o.reader);
+  io::EventReader recording = recording_checks::open(o.recording, camera.sensor_size(), o.camera.path, o.reader);
   const opencv::ArucoDetector detector(camera,
                                        {.dictionary = o.dictionary, .marker_length = o.marker_length, .ids = o.ids});
   Tracker tracker(camera, detector, settings);
@@ -87,7 +90,7 @@ double track(const Options& o, const PinholeCamera& camera, const TrackerSetting
   Timestamp end = 0;
   for (auto batch = recording.next_batch(); !batch.empty() && !interruption::requested;
        batch = recording.next_batch()) {
-    recording_checks::require_sane(recording, o.recording, o.camera, false);
+    recording_checks::require_sane(recording, o.recording, o.camera.path, false);
     if (!begin) begin = batch.front().t;
     end = batch.back().t;
     push_with_ticks(
@@ -95,7 +98,7 @@ double track(const Options& o, const PinholeCamera& camera, const TrackerSetting
         [&](Timestamp, std::span<const PoseEstimate> poses) { calibrator.add(poses); });
     progress.update(recording.bytes_read(), recording.bytes_total());
   }
-  if (!interruption::requested) recording_checks::require_sane(recording, o.recording, o.camera, true);
+  if (!interruption::requested) recording_checks::require_sane(recording, o.recording, o.camera.path, true);
   return begin && end > *begin ? 1e-6 * static_cast<double>(elapsed_us(*begin, end)) : 0;
 }
 
@@ -118,9 +121,9 @@ Board make(const Options& o, const BoardCalibration& calibration) {
 
 void make_board(const Options& o) {
   const std::vector<MarkerId> ids = o.ordered_ids();
-  require_distinct({{"the recording", o.recording}, {"--camera", o.camera}}, {{"--output", o.output}});
+  require_distinct({{"the recording", o.recording}, {"--camera", o.camera.path}}, {{"--output", o.output}});
   interruption::watch();
-  const PinholeCamera camera = opencv::load_calibration(o.camera);
+  const PinholeCamera camera = o.camera.load();
   BoardCalibrator calibrator(ids, o.marker_length, camera.focal_length());
   const double recorded_s = track(o, camera, {}, calibrator);
   // A pipe can be read only once. What is interrupted the second time is better as it was known the first time.

@@ -20,8 +20,8 @@ inline std::string show(evmarker::SensorSize size) {
 inline void require_size(evmarker::SensorSize recorded, const std::string& path, evmarker::SensorSize camera_size,
                          const std::string& camera_path) {
   if (recorded == camera_size) return;
-  throw std::runtime_error(path + ": recorded with " + show(recorded) + ", but image_width and image_height of " +
-                           camera_path + " say " + show(camera_size));
+  throw std::runtime_error(path + ": recorded with " + show(recorded) + ", but " + camera_path + " says " +
+                           show(camera_size));
 }
 
 /// Opens a recording, which ends when the program is interrupted.

@@ -260,10 +260,10 @@ template <PoseUpdateRule Rule>
 void replay(const ReplayOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   options.require_distinct_files();
   interruption::watch();
-  const PinholeCamera camera = opencv::load_calibration(options.camera);
+  const PinholeCamera camera = options.camera.load();
   auto detector = options.detector(camera);
   io::EventReader recording =
-      recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.reader);
+      recording_checks::open(options.recording, camera.sensor_size(), options.camera.path, options.reader);
   Outputs outputs(options, columns);
   live::Pipeline pipeline(
       camera, detector,
@@ -279,13 +279,13 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   {
     console::ProgressBar progress(options.quiet);
     recorded_s = play(options, recording, pace, pipeline, [&] {
-      recording_checks::require_sane(recording, options.recording, options.camera, false);
+      recording_checks::require_sane(recording, options.recording, options.camera.path, false);
       progress.update(recording.bytes_read(), recording.bytes_total());
     });
   }
   const std::chrono::duration<double> wall = live::Clock::now() - start;
   const bool interrupted = interruption::requested;
-  if (!interrupted) recording_checks::require_sane(recording, options.recording, options.camera, true);
+  if (!interrupted) recording_checks::require_sane(recording, options.recording, options.camera.path, true);
   pipeline.stop();
   outputs.close(pace, start);
   outputs.poses().print();

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "board_faces.hpp"
+#include "camera_option.hpp"
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "interruption.hpp"
@@ -28,8 +29,10 @@ using namespace evmarker;
 namespace {
 
 struct Options {
-  std::string recording, camera, truth, board, dictionary, motion = "handheld";
-  std::vector<int> ids{7}, size{640, 480};
+  std::string recording, calibration, truth, board, dictionary, motion = "handheld";
+  CameraOption camera;
+  SensorSize size{640, 480};
+  std::vector<int> ids{7};
   std::vector<double> black{0.08}, white{0.85}, turn_deg;
   MarkerLengths lengths;
   double focal_px = 533, distance_m = 0.6, sway_m = 0.08, frequency_hz = 1.3, move_s = 0.5, rest_s = 0.5;
@@ -41,13 +44,15 @@ struct Options {
     const double duration_s = sensor.duration_s;
     sensor = preset.settings;
     sensor.duration_s = duration_s;
-    size = {preset.size.width, preset.size.height};
+    size = preset.size;
     focal_px = preset.focal_px;
   }
 
   void add_to(CLI::App& app) {
     app.add_option("recording", recording, "EVT3 RAW file to write")->required();
-    app.add_option("--camera", camera, "calibration to write; default: beside the recording, ending in .yml");
+    CLI::Option* given = camera.add_to(app, "camera to simulate, in place of --focal and --lens: calibration");
+    app.add_option("--calibration", calibration,
+                   "calibration to write; default: beside the recording, ending in .yml, but with --camera none");
     app.add_option("--truth", truth, "true poses to write, a pose table with marker ids");
     app.add_option("--dictionary", dictionary, "OpenCV's name of the dictionary")
         ->default_str("that of --board, or " + std::string(opencv::kDefaultDictionary));
@@ -64,8 +69,10 @@ struct Options {
         ->capture_default_str();
     add_sensor_to(app);
     app.add_option_function<std::string>(
-        "--lens", [this](const std::string& text) { lens = parse_lens(text); },
-        "distortion, radtan:k1,k2,p1,p2[,k3] or fisheye:k1,k2,k3,k4, as in OpenCV; default: none");
+           "--lens", [this](const std::string& text) { lens = parse_lens(text); },
+           "distortion, radtan:k1,k2,p1,p2[,k3] or fisheye:k1,k2,k3,k4, as in OpenCV; default: none")
+        ->excludes(given);
+    app.get_option("--focal")->excludes(given);
     app.add_option("--distance", distance_m, "of the markers from the camera [m]")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -96,8 +103,16 @@ struct Options {
     app.footer(console::exit_codes());
   }
 
-  std::string calibration() const {
-    return camera.empty() ? std::filesystem::path(recording).replace_extension(".yml").string() : camera;
+  /// The calibration to write; empty for none.
+  std::string calibration_to_write() const {
+    if (!calibration.empty() || !camera.path.empty()) return calibration;
+    return std::filesystem::path(recording).replace_extension(".yml").string();
+  }
+
+  PinholeCamera make_camera() const {
+    if (!camera.path.empty()) return camera.load();
+    const SensorSize of = camera.size.empty() ? size : SensorSize{camera.size[0], camera.size[1]};
+    return {of, focal_px, focal_px, 0.5 * (of.width - 1), 0.5 * (of.height - 1), lens};
   }
 
   // Options are carried out in the order in which they are added: those after --sensor change single numbers of it.
@@ -108,7 +123,11 @@ struct Options {
            "--sensor", [this](const std::string& name) { use(sensor_preset(name)); },
            "size, focal length, thresholds, lags and noise of a kind of camera: " + names)
         ->default_str("default");
-    app.add_option("--size", size, "sensor, as 640,480 [px]")->delimiter(',')->expected(2)->capture_default_str();
+    app.add_option("--size", camera.size, "sensor, as 640,480 [px]; with --camera where that does not state it")
+        ->delimiter(',')
+        ->expected(2)
+        ->allow_extra_args(false)  // which would be the recording
+        ->default_str("640,480");
     app.add_option("--focal", focal_px, "focal length [px]: lens in mm / pixel pitch in mm")
         ->check(console::positive_number())
         ->capture_default_str();
@@ -222,19 +241,19 @@ void write_truth(io::PoseCsvWriter& truth, const std::vector<Target>& targets, T
 
 void simulate(const Options& o) {
   require_in_front(o);
-  require_distinct({{"--board", o.board}, {"--markers", o.lengths.file()}},
-                   {{"the recording", o.recording}, {"--camera", o.calibration()}, {"--truth", o.truth}});
+  const std::string calibration = o.calibration_to_write();
+  require_distinct({{"--camera", o.camera.path}, {"--board", o.board}, {"--markers", o.lengths.file()}},
+                   {{"the recording", o.recording}, {"--calibration", calibration}, {"--truth", o.truth}});
   interruption::watch();
-  const SensorSize size{o.size[0], o.size[1]};
-  const PinholeCamera camera(size, o.focal_px, o.focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1), o.lens);
+  const PinholeCamera camera = o.make_camera();
   std::vector<Target> targets;
   std::vector<SimulatedMarker> scene = o.board.empty() ? make_markers(o, targets) : make_board(o, targets);
   paint(o, scene);
-  io::RawWriter recording(o.recording, size);
+  io::RawWriter recording(o.recording, camera.sensor_size());
   std::optional<io::PoseCsvWriter> truth;
   if (!o.truth.empty()) truth.emplace(o.truth);
   Simulator simulator(camera, scene, o.sensor);
-  opencv::save_calibration(o.calibration(), camera);
+  if (!calibration.empty()) opencv::save_calibration(calibration, camera);
   const auto duration = static_cast<Timestamp>(o.sensor.duration_s * 1e6);
   {
     console::ProgressBar progress(o.quiet);
@@ -249,7 +268,7 @@ void simulate(const Options& o) {
   recording.close();
   std::printf("%s: %llu events, up to %.0f px/s, markers of about %.0f px\n", o.recording.c_str(),
               static_cast<unsigned long long>(recording.events_written()), simulator.peak_speed_px_per_s(),
-              o.focal_px * scene.front().length / o.distance_m);
+              camera.focal_length() * scene.front().length / o.distance_m);
   if (!interrupted) return;
   std::vector<std::string> kept{std::to_string(recording.events_written()) + " events in " + o.recording};
   if (truth) kept.push_back(std::to_string(truth->poses_written()) + " poses in " + o.truth);

@@ -189,12 +189,12 @@ template <PoseUpdateRule Rule>
 void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   require_distinct(options.files_read(), {{"--output", options.output}});
   interruption::watch();
-  const PinholeCamera camera = opencv::load_calibration(options.camera);
+  const PinholeCamera camera = options.camera.load();
   auto detector = options.detector(camera);
   Display display(camera, !options.no_display);
   const std::string name = options.recording.empty() ? "camera" : options.recording;
   OpenEbSource source(options.recording, options.serial, !options.every_event);
-  recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera);
+  recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera.path);
   PoseOutput output(options, options.track_one(), columns);
 
   live::Pipeline pipeline(

@@ -72,7 +72,8 @@ class Run {
   Run(const TrackFileOptions& options, const PinholeCamera& camera, io::PoseColumns columns)
       : options_(options),
         viewer_(camera, options.view),  // before there are other threads
-        recording_(recording_checks::open(options.recording, camera.sensor_size(), options.camera, options.reader)),
+        recording_(
+            recording_checks::open(options.recording, camera.sensor_size(), options.camera.path, options.reader)),
         truth_(options.truth.empty() ? std::nullopt : std::optional(io::GroundTruth::read(options.truth))),
         output_(options, options.track_one() || !options.wireframe.empty(), columns) {
     if (const auto interval = options.interval()) ticks_.emplace(*interval, std::chrono::seconds(1));
@@ -91,7 +92,7 @@ class Run {
     if (interrupted) {
       statistics.truncated_bytes = 0;  // it is not the recording that ends there
     } else {
-      recording_checks::require_sane(recording_, options_.recording, options_.camera, true);
+      recording_checks::require_sane(recording_, options_.recording, options_.camera.path, true);
       if (truth_) summary_.require_compared(options_.truth);
     }
     viewer_.finish(tracker, model_of);
@@ -117,7 +118,7 @@ class Run {
     console::ProgressBar progress(options_.quiet);
     for (auto batch = recording_.next_batch(); !batch.empty() && !interruption::requested;
          batch = recording_.next_batch()) {
-      recording_checks::require_sane(recording_, options_.recording, options_.camera, false);
+      recording_checks::require_sane(recording_, options_.recording, options_.camera.path, false);
       for (std::span<const Event> left = batch; !left.empty();) {
         viewer_.advance(left.front().t, tracker, model_of);
         const std::span<const Event> until_frame = viewer_.before_next_frame(left);
@@ -156,7 +157,7 @@ template <PoseUpdateRule Rule>
 void track(const TrackFileOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
   options.require_distinct_files();
   interruption::watch();
-  const PinholeCamera camera = opencv::load_calibration(options.camera);
+  const PinholeCamera camera = options.camera.load();
   const TrackerSettings<Rule> settings = options.settings<Rule>(rule);
   if (!options.wireframe.empty()) {
     const Wireframe body = options.load_body();

@@ -9,13 +9,15 @@
 #include <string>
 #include <vector>
 
+#include "camera_option.hpp"
 #include "console.hpp"
 #include "distinct_files.hpp"
 #include "marker_lengths.hpp"
 #include "pose_output.hpp"
 
 struct TrackOptions : PoseOutputOptions {
-  std::string recording, camera, dictionary, update = "kalman";
+  std::string recording, dictionary, update = "kalman";
+  CameraOption camera;
   MarkerLengths lengths;
   std::vector<std::string> boards;
   std::vector<int> ids;
@@ -27,7 +29,8 @@ struct TrackOptions : PoseOutputOptions {
   void add_to(CLI::App& app) {
     app.add_option("recording", recording, "Prophesee RAW or DAT, AEDAT, ROS, HDF5 or text (x, y, p and t in columns)")
         ->required();
-    app.add_option("--camera", camera, "calibration: OpenCV or ROS YAML")->required();
+    camera.add_to(app)->required();
+    camera.add_size_to(app);
     app.add_option("--dictionary", dictionary, "OpenCV's name of the ArUco or AprilTag dictionary")
         ->default_str("that of --board, or " + std::string(evmarker::opencv::kDefaultDictionary));
     lengths.add_to(app, "side of the black square [m], not needed to track boards alone");
@@ -50,7 +53,8 @@ struct TrackOptions : PoseOutputOptions {
   }
 
   std::vector<FileOption> files_read() const {
-    std::vector<FileOption> files{{"the recording", recording}, {"--camera", camera}, {"--markers", lengths.file()}};
+    std::vector<FileOption> files{
+        {"the recording", recording}, {"--camera", camera.path}, {"--markers", lengths.file()}};
     for (const std::string& board : boards) files.push_back({"--board", board});
     return files;
   }

@@ -213,7 +213,7 @@ check_span() { # PAGE SPAN
 }
 
 # What a reader has: a recording of a marker, and its calibration.
-build/release/examples/simulate recording.raw --camera camera.yml --ids 7 --duration 0.3 >/dev/null
+build/release/examples/simulate recording.raw --calibration camera.yml --ids 7 --duration 0.3 >/dev/null
 
 for page in "${pages[@]}"; do
   while IFS= read -r line; do

@@ -31,7 +31,7 @@ With `track_file --board board.yml`, `--blur` and `--update decoupled`; no comma
 ```sh
 # a comment, and a continued line
 build/release/examples/simulate new.raw --duration 0.02 --ids 3 \
-  --camera new.yml   # its calibration
+  --calibration new.yml   # its calibration
 cmake --preset release && cmake --build build/release --target evmarker_bench && build/release/bench/evmarker_bench
 bash bench/accuracy.sh
 ctest --preset release -L tracking
@@ -42,7 +42,7 @@ if [ $code -eq 77 ] || grep "^not run" <<<"$output"; then
   echo "skipped: not everything is built"
   exit 77
 fi
-expect 0 "check_commands: 7 commands are right" "--ids 3 --camera new.yml"
+expect 0 "check_commands: 7 commands are right" "--ids 3 --calibration new.yml"
 
 cat >"$page" <<'PAGE'
 With `track_file --boards board.yml` and `--no-such-option 3`, by `bash bench/no_such_script.sh`.

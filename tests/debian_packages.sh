@@ -33,14 +33,14 @@ for library in libc6 libstdc++6 libopencv-calib3d libhdf5; do
   expect "$(dpkg-deb -f "$tools" Depends)" "$library" "what evmarker-tools depends on"
 done
 
-# Without the prefix they would take the place of other packages' programs.
+# Without the prefix they would take the place of other packages' programs. (grep -q would end while they still write.)
 for path in root/usr/bin/*; do
   name=$(basename "$path")
   [[ $name == evmarker_* ]] || fail "$name is in /usr/bin"
   [ -x "$path" ] || fail "$path leads nowhere"
-  "$path" --help | grep -q "^Usage: $name " || fail "$name calls itself by another name"
+  "$path" --help | grep "^Usage: $name " >/dev/null || fail "$name calls itself by another name"
   if command -v help2man >/dev/null; then
-    zcat "root/usr/share/man/man1/$name.1.gz" | grep -qxF ".B $name" || fail "$name has no page of the manual"
+    zcat "root/usr/share/man/man1/$name.1.gz" | grep -xF ".B $name" >/dev/null || fail "$name has no page of the manual"
   fi
 done
 expect "$(zcat root/usr/share/man/man1/evmarker_track_file.1.gz)" 'marker\-length' "its page of the manual"

@@ -39,6 +39,8 @@
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/board.hpp"
 #include "evmarker/opencv/calibration.hpp"
+#include "io/hdf5_bytes.hpp"
+#include "io/recording_bytes.hpp"
 #include "io/ros_bytes.hpp"
 #include "io/test_support.hpp"
 
@@ -78,6 +80,8 @@ markers:
 )";
 
 // The black square of marker 7 as four edges.
+const char* const kTwoCameras = "cam0:\n  intrinsics: [500, 500, 320, 240]\ncam1:\n  intrinsics: [1]\n";
+
 const char* const kBody = R"(wireframe: 200
 vertices: [[-0.05, 0.05, 0], [0.05, 0.05, 0], [0.05, -0.05, 0], [-0.05, -0.05, 0]]
 edges:
@@ -185,8 +189,8 @@ class Child {
 /// Recording, calibration and truth, simulated once.
 const TemporaryFolder& simulated() {
   static const TemporaryFolder folder;
-  static const Result result =
-      run(folder, "simulate recording.raw --camera camera.yml --truth truth.csv --ids 7 --duration 0.6 --noise 0.3");
+  static const Result result = run(
+      folder, "simulate recording.raw --calibration camera.yml --truth truth.csv --ids 7 --duration 0.6 --noise 0.3");
   REQUIRE_MESSAGE(result.code == 0, result.err);
   REQUIRE(result.err.empty());
   return folder;
@@ -494,6 +498,34 @@ TEST_CASE("examples: replay passes trigger events on, writes poses at a fixed ra
     last_s = std::stod(fields[0]);
   }
   CHECK(last_s > 0.5);
+}
+
+TEST_CASE("examples: simulate takes a calibration in any form, and a recording is tracked with it") {
+  const TemporaryFolder folder;
+  const std::string radtan = "  distortion_model: radtan\n  distortion_coeffs: [-0.1, 0.02, 0.001, -0.002]\n";
+  write_file(folder / "chain.yaml", "cam0:\n  camera_model: pinhole\n  intrinsics: [200.5, 201.5, 118.5, 90.25]\n" +
+                                        radtan + "  resolution: [240, 180]\ncam1:\n  intrinsics: [1]\n");
+  write_file(folder / "calib.txt", "200.5 201.5 118.5 90.25 -0.1 0.02 0.001 -0.002 0\n");
+  for (const std::string camera : {" --camera chain.yaml --camera-name cam0", " --camera calib.txt --size 240,180"}) {
+    CAPTURE(camera);
+    const std::string sway = " r.raw --marker-length 0.2 --duration 0.2 --sway 0.05 --calibration c.yml";
+    const Result result = run(folder, "simulate" + camera + sway);
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK_FALSE(std::filesystem::exists(folder / "r.yml"));
+    const evmarker::PinholeCamera loaded = evmarker::opencv::load_calibration((folder / "c.yml").string());
+    CHECK(loaded.sensor_size() == evmarker::SensorSize{240, 180});
+    CHECK(loaded.fx() == 200.5);
+    CHECK(loaded.fy() == 201.5);
+    CHECK(loaded.cx() == 118.5);
+    CHECK(loaded.cy() == 90.25);
+    const auto* lens = std::get_if<evmarker::BrownConradyDistortion>(&loaded.distortion());
+    REQUIRE(lens);
+    CHECK(lens->k1 == -0.1);
+    CHECK(lens->p2 == -0.002);
+    const Result tracked = run(folder, "track_file" + camera + " --marker-length 0.2 --output p.csv r.raw");
+    CHECK_MESSAGE(tracked.code == 0, tracked.err);
+    CHECK(contains(read_file(folder / "p.csv"), ",7,tracking,"));
+  }
 }
 
 TEST_CASE("examples: simulate takes a sensor and a lens, writes them down, and single options change the sensor") {
@@ -1105,7 +1137,7 @@ TEST_CASE("examples: a board of another program is simulated and tracked by the 
   const TemporaryFolder folder;
   write_file(folder / "k.yml", kAprilgrid);
   const Result made =
-      run(folder, "simulate k.raw --camera c.yml --board k.yml --truth truth.csv --distance 0.3 --duration 0.3");
+      run(folder, "simulate k.raw --calibration c.yml --board k.yml --truth truth.csv --distance 0.3 --duration 0.3");
   REQUIRE_MESSAGE(made.code == 0, made.err);
   const Result tracked = run(folder, "track_file k.raw --camera c.yml --board k.yml --output poses.csv");
   REQUIRE_MESSAGE(tracked.code == 0, tracked.err);
@@ -1256,6 +1288,41 @@ TEST_CASE("examples: convert keeps triggers where the format holds them, and say
       CHECK(contains(result.out, " events and " + triggers + " in b") == held);
       CHECK(contains(result.out, "recording  " + triggers + " are lost, which ") == !held);
     }
+  }
+}
+
+TEST_CASE("examples: info shows and convert keeps the triggers of AEDAT 4 and HDF5") {
+  using namespace evmarker::io::test;
+  const TemporaryFolder folder;
+  const auto events = random_events({346, 260}, 3000, 7);
+  const evmarker::Timestamp t = events[1000].t + 1, end = events.back().t + 100;
+  const std::vector<evmarker::TriggerEvent> triggers{{0, true, t}, {0, false, t + 1}, {0, true, end}};
+  const std::vector<Aedat4Trigger> of_dv{{t, 1}, {t + 1, 2}, {end, 3}};
+  const std::span all(events);
+  write_file(folder / "a.aedat4", aedat4_header(0, -1, aedat4_streams({346, 260})) +
+                                      aedat4_packet(1, aedat4_events(all.first(1001))) +
+                                      aedat4_packet(3, aedat4_triggers(std::span(of_dv).first(2))) +
+                                      aedat4_packet(1, aedat4_events(all.subspan(1001))) +
+                                      aedat4_packet(3, aedat4_triggers(std::span(of_dv).last(1))));
+  std::vector<std::string> files{"a.aedat4"};
+#ifdef EVMARKER_HAS_HDF5
+  Hdf5Bytes hdf5;
+  hdf5.add_compounds("CD/events", events);
+  hdf5.add_triggers("EXT_TRIGGER/events", triggers);
+  hdf5.add_attribute("geometry", "346x260");
+  write_file(folder / "a.h5", hdf5.bytes());
+  files.emplace_back("a.h5");
+#endif
+  for (const std::string& file : files) {
+    CAPTURE(file);
+    const Result shown = run(folder, "info " + file);
+    CHECK_MESSAGE(contains(shown.out, "triggers   input 0: 2 rising, 1 falling"), shown.out);
+    const Result result = run(folder, "convert " + file + " b.raw");
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    CHECK(contains(result.out, " events and 3 triggers in b.raw"));
+    const Content converted = content_of(folder / "b.raw");
+    CHECK(converted.events == events);
+    CHECK(converted.triggers == triggers);
   }
 }
 
@@ -1641,7 +1708,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {with_camera + ".", {"calibration .", "directory"}},
       {with_camera + "c.yml", {"c.yml", "empty"}, "c.yml", ""},
       {with_camera + "c.yml", {"c.yml", "image_width"}, "c.yml", replaced(calibration, "image_width", "width")},
-      {with_camera + "c.yml", {"c.yml", "camera_matrix"}, "c.yml", replaced(calibration, "camera_matrix", "K")},
+      {with_camera + "c.yml", {"c.yml", "camera_matrix"}, "c.yml", replaced(calibration, "camera_matrix", "matrix")},
       {with_camera + "c.yml",
        {"c.yml", "distortion_coefficients"},
        "c.yml",
@@ -1654,7 +1721,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {with_camera + "c.yml", {"c.yml"}, "c.yml", random_bytes(500)},
       {with_camera + "c.yml", {"c.yml", "nested"}, "c.yml", "a: " + std::string(300000, '[') + "\n"},
       {with_camera + "c.yml",
-       {"recording.raw", "640 x 480", "image_width", "c.yml", "320 x 480"},
+       {"recording.raw", "640 x 480", "c.yml", "320 x 480"},
        "c.yml",
        replaced(calibration, "640", "320")},
       {"track_file recording.raw --camera camera.yml --marker-length 0", {"--marker-length", "0 "}},
@@ -1695,9 +1762,9 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        {"--output p.csv", "the recording p.csv.part"},
        "p.csv.part",
        text_events(100, 100)},
-      {"simulate new.yml --duration 0.02", {"--camera new.yml", "the recording new.yml"}},
+      {"simulate new.yml --duration 0.02", {"--calibration new.yml", "the recording new.yml"}},
       {simulate + " --truth ./new.raw", {"--truth ./new.raw", "the recording new.raw"}},
-      {"simulate b.raw --board b.yml --duration 0.02", {"--camera b.yml", "--board b.yml"}, "b.yml", kBoard},
+      {"simulate b.raw --board b.yml --duration 0.02", {"--calibration b.yml", "--board b.yml"}, "b.yml", kBoard},
       {"evaluate truth.csv --truth truth.csv --errors truth.csv", {"--errors truth.csv", "poses truth.csv"}},
       {track_this("cut.raw"), {"cut.raw", "header"}, "cut.raw", whole.substr(0, 40)},
       {track_this("none.raw"), {"none.raw", "no events"}, "none.raw", with_body(body(""))},
@@ -1727,6 +1794,10 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --events-per-update often", {"--events-per-update", "often", "auto"}},
       {track + " --filter-window-us 1.5", {"--filter-window-us", "1.5", "auto"}},
       {track + " --update magic", {"--update", "magic"}},
+      {with_camera + "c.yml", {"c.yml", "several cameras, cam0, cam1", "--camera-name cam0"}, "c.yml", kTwoCameras},
+      {with_camera + "c.yml --camera-name cam2", {"c.yml", "no camera cam2"}, "c.yml", kTwoCameras},
+      {with_camera + "c.txt", {"c.txt", "no sensor size", "--size"}, "c.txt", "500 500 320 240 0 0 0 0 0\n"},
+      {track + " --size 320,480", {"camera.yml", "640 x 480", "320 x 480"}},
       {track + " --truth missing.csv", {"missing.csv", "No such file"}},
       {track + " --truth t.csv",
        {"t.csv", "marker 7"},
@@ -1855,10 +1926,17 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {simulate + " --black 0", {"--black", "0.0"}},
       {simulate + " --white 0.5,0.6", {"--white", "2 values", "1 markers"}},
       {simulate + " --size 100000,100000", {"width is 100000 px"}},
-      {simulate + " --truth missing/t.csv --camera new.yml", {"missing/t.csv", "No such file"}},
-      {simulate + " --truth new.csv --camera missing/c.yml", {"missing/c.yml", "No such file"}},
-      {"simulate missing/r.raw --camera new.yml --truth new.csv", {"missing/r.raw", "No such file"}},
+      {simulate + " --truth missing/t.csv --calibration new.yml", {"missing/t.csv", "No such file"}},
+      {simulate + " --truth new.csv --calibration missing/c.yml", {"missing/c.yml", "No such file"}},
+      {"simulate missing/r.raw --calibration new.yml --truth new.csv", {"missing/r.raw", "No such file"}},
       {"simulate new.raw --duration 0", {"--duration", "0 "}},
+      {simulate + " --camera camera.yml --focal 300", {"--focal", "--camera"}},
+      {simulate + " --camera camera.yml --lens radtan:0,0,0,0", {"--lens", "--camera"}},
+      {simulate + " --camera missing.yml", {"missing.yml", "No such file"}},
+      {"simulate b.raw --camera b.yml --calibration ./b.yml",
+       {"--calibration ./b.yml", "--camera b.yml"},
+       "b.yml",
+       kBoard},
   };
   for (const auto& [command, told, file, content] : cases) {
     CAPTURE(command);

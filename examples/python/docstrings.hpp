@@ -9,7 +9,8 @@ centre of the top left pixel. radtan: k1 k2 p1 p2 [k3], or fisheye: k1 k2 k3 k4,
 Raises ValueError naming the parameter that makes no sense.)";
 
 inline constexpr const char* kLoadCalibration =
-    R"(Reads a PinholeCamera from a calibration of OpenCV (YAML, XML, JSON) or a ROS camera_info.
+    R"(Reads a PinholeCamera from a calibration of OpenCV (YAML, XML, JSON), ROS, Kalibr, Metavision, DSEC or RPG.
+camera_name: which, of a file of several cameras; size: width and height [px], of a file that does not state them.
 Raises ValueError naming file, field and value.)";
 
 inline constexpr const char* kTracker =

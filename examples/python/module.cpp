@@ -13,6 +13,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "docstrings.hpp"
@@ -100,8 +101,13 @@ void bind_camera(py::module_& module) {
       .def_property_readonly("cx", &PinholeCamera::cx, "[px]")
       .def_property_readonly("cy", &PinholeCamera::cy, "[px]");
   module.def(
-      "load_calibration", [](const py::object& path) { return evmarker::opencv::load_calibration(path_text(path)); },
-      "path"_a, doc::kLoadCalibration);
+      "load_calibration",
+      [](const py::object& path, const std::string& camera_name, const std::optional<std::pair<int, int>>& size) {
+        evmarker::opencv::CalibrationOptions options{.camera = camera_name};
+        if (size) options.sensor_size = {size->first, size->second};
+        return evmarker::opencv::load_calibration(path_text(path), options);
+      },
+      "path"_a, "camera_name"_a = "", "size"_a = py::none(), doc::kLoadCalibration);
 }
 
 void bind_tracker(py::module_& module) {

@@ -152,9 +152,20 @@ inline void fuzz_decompressors(std::string_view input) {
   }
 }
 
+inline std::string some_aedat4_triggers(std::size_t count) {
+  std::vector<io::test::Aedat4Trigger> triggers;
+  for (std::size_t i = 0; i < count; ++i)
+    triggers.push_back({static_cast<Timestamp>(1000 * i), static_cast<int>(1 + i % 5)});
+  return io::test::aedat4_triggers(triggers);
+}
+
 inline std::vector<std::string> aedat4_seeds() {
   std::vector<std::string> seeds;
   for (std::uint64_t seed = 0; seed < 6; ++seed) seeds.push_back(io::test::make_aedat4(some_events(seed), {64, 48}));
+  for (const std::size_t triggers : {std::size_t{1}, std::size_t{5}})
+    seeds.push_back(io::test::aedat4_header(0, -1, io::test::aedat4_streams({64, 48})) +
+                    io::test::aedat4_packet(3, some_aedat4_triggers(triggers)) +
+                    io::test::aedat4_packet(1, io::test::aedat4_events(some_events(1))));
   return seeds;
 }
 
@@ -162,12 +173,13 @@ inline std::string make_aedat4_part(Random& random) {
   const auto compressions = io::test::built_compressions();
   const auto compression = compressions[below(random, compressions.size())];
   const std::uint64_t any = random.bits() >> below(random, 64);
-  switch (below(random, 4)) {
+  switch (below(random, 5)) {
     case 0:
       return io::test::aedat4_header(static_cast<int>(below(random, 6)), static_cast<std::int64_t>(any),
                                      io::test::aedat4_streams({64, 48}));
     case 1: return io::test::little(any, std::size_t{1} << below(random, 4));
     case 2: return "<node name=\"outInfo\"><node name=\"1\"><attr key=\"typeIdentifier\">EVTS</attr></node></node>";
+    case 3: return io::test::aedat4_packet(3, io::test::compress(some_aedat4_triggers(below(random, 9)), compression));
     default:
       return io::test::aedat4_packet(
           static_cast<int>(below(random, 3)),
@@ -247,12 +259,21 @@ struct Hdf5Input {
         for (std::size_t i = 0; i < 4; ++i) H5Tinsert(type, std::string(1, "xytp"[i]).c_str(), 8 * i, H5T_NATIVE_INT64);
         file.add("CD/events", {x.size()}, type, type, rows.data(), storage);
         H5Tclose(type);
+        file.add_triggers("EXT_TRIGGER/events", triggers(), storage);
       } else {
         file.add("davis/left/events", {x.size(), 4}, time, H5T_NATIVE_INT64, rows.data(), storage);
       }
     }
     file.add_number("t_offset", offset);
     return file.bytes();
+  }
+
+  // One for each event, where Prophesee has them.
+  std::vector<TriggerEvent> triggers() const {
+    std::vector<TriggerEvent> triggers;
+    for (std::size_t i = 0; layout == 1 && i < x.size(); ++i)
+      triggers.push_back({static_cast<int>(y[i] & 31), p[i] > 0, t[i]});
+    return triggers;
   }
 };
 
@@ -285,10 +306,15 @@ inline void fuzz_hdf5(std::string_view input) {
   try {
     io::Hdf5Reader reader(file.path(), {{size}, io::TimeUnit::microseconds});
     std::vector<Event> read;
+    std::vector<TriggerEvent> triggers;
     std::string error;
     try {
-      for (auto batch = reader.next_batch(); !batch.empty(); batch = reader.next_batch())
+      for (bool more = true; more;) {
+        const auto batch = reader.next_batch();
+        more = !batch.empty();
         read.insert(read.end(), batch.begin(), batch.end());
+        triggers.insert(triggers.end(), reader.triggers().begin(), reader.triggers().end());
+      }
     } catch (const io::RecordingError& fault) {
       error = fault.what();
     }
@@ -304,6 +330,7 @@ inline void fuzz_hdf5(std::string_view input) {
                    "the events are those of the file");
     }
     require_that(next == read.size(), "no other events are read");
+    require_that(!error.empty() || triggers == rows.triggers(), "the triggers are those of the file");
   } catch (const io::RecordingError& error) {
     require_that(std::string_view(error.what()).find('\n') == std::string_view::npos, "errors are one line");
   }
@@ -320,7 +347,7 @@ inline std::vector<Target> recording_targets() {
       {"dat", fuzz_dat, dat_seeds, {0, 1, make_dat_part}, 512, 50'000, 5},
       {"aedat2", fuzz_aedat2, aedat2_seeds, {0, 1, make_aedat2_part}, 512, 50'000, 6.5},
       {"aedat3", fuzz_aedat3, aedat3_seeds, {0, 1, make_aedat3_part}, 1024, 50'000, 4.4},
-      {"aedat4", fuzz_aedat4, aedat4_seeds, {0, 1, make_aedat4_part}, 4096, 50'000, 3.2},
+      {"aedat4", fuzz_aedat4, aedat4_seeds, {0, 1, make_aedat4_part}, 4096, 50'000, 2.4},
   };
 }
 

@@ -158,7 +158,7 @@ inline std::vector<Target> ros_targets() {
 #ifdef EVMARKER_HAS_SQLITE3
       {"rosbag2", fuzz_rosbag2, rosbag2_seeds, {1, 3, make_rosbag2_part}, 64, 5'000, 21},
 #endif
-      {"mcap", fuzz_mcap, mcap_seeds, {0, 1, make_mcap_part}, 4096, 50'000, 2.4},
+      {"mcap", fuzz_mcap, mcap_seeds, {0, 1, make_mcap_part}, 4096, 50'000, 2.2},
       {"rosbag", fuzz_rosbag, rosbag_seeds, {0, 1, make_rosbag_part}, 4096, 50'000, 1.15},
   };
 }

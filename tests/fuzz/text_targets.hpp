@@ -119,6 +119,16 @@ inline std::string make_settings_text(Random& random) {
                                               ", ",
                                               "fisheye: 1\n",
                                               "distortion_model: plumb_bob\n",
+                                              "cam0:\n  ",
+                                              "camera_model: pinhole\n",
+                                              "intrinsics: ",
+                                              "distortion_coeffs: ",
+                                              "resolution: ",
+                                              "k: ",
+                                              "D: ",
+                                              "width: ",
+                                              "image_size: ",
+                                              "type: ",
                                               "board: ",
                                               "markers:\n",
                                               "id: ",
@@ -212,7 +222,29 @@ inline std::vector<std::string> settings_seeds() {
       "z: 0, qw: 1, qx: 0, qy: 0, qz: 0},\n        ]\n    },\n  ]\n",
       "- name: '1'\n  first_id: 0\n  markers_x: 2\n  markers_y: 1\n  marker_size: 0.07\n  separation: 0.02\n  "
       "frame_at_center: true\n- name: b\n  first_id: 2\n  markers_x: 1\n  markers_y: 1\n  marker_size: 0.07\n  "
-      "separation: 0.02\n  frame_at_center: false\n"};
+      "separation: 0.02\n  frame_at_center: false\n",
+      "header:\n  stamp:\n    sec: 1\n  frame_id: a\nheight: 48\nwidth: 64\ndistortion_model: plumb_bob\nd:\n- 0.1\n- "
+      "0.0\n"
+      "- 0.0\n- 0.0\n- 0.0\nk:\n- 60.0\n- 0.0\n- 31.5\n- 0.0\n- 60.0\n- 23.5\n- 0.0\n- 0.0\n- 1.0\nbinning_x: 0\n---\n",
+      "height: 48\nwidth: 64\ndistortion_model: \"equidistant\"\nD: [0.1, 0.0, 0.0, 0.0]\nK: [60.0, 0.0, 31.5, 0.0, "
+      "60.0, "
+      "23.5, 0.0, 0.0, 1.0]\nroi: \n  do_rectify: False\n---\n",
+      "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.1, 0, 0, 0]\n  distortion_model: radtan\n  intrinsics: "
+      "[60, 60, 31.5, 23.5]\n  resolution: [64, 48]\ncam1:\n  T_cn_cnm1:\n  - [1.0, 0.0, 0.0, 0.1]\n  camera_model: "
+      "omni\n  intrinsics: [1.1, 60, 60, 31.5, 23.5]\n",
+      "extrinsics:\n  R_rect0:\n  - - 1.0\n    - 0.0\nintrinsics:\n  cam0:\n    camera_matrix:\n    - 60.0\n    - "
+      "60.0\n    "
+      "- 31.5\n    - 23.5\n    distortion_coeffs:\n    - 0.1\n    - 0.0\n    - 0.0\n    - 0.0\n    distortion_model: "
+      "radtan\n    resolution:\n    - 64\n    - 48\n",
+      "{\"type\": \"pinhole\", \"width\": 64, \"height\": 48, \"K\": [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1], \"D\": [0.1, "
+      "0, "
+      "0, 0, 0]}\n",
+      "{\"n_kept_views\": 9, \"image_size\": [64, 48], \"camera_matrix\": {\"type_id\": \"opencv-matrix\", \"rows\": "
+      "3, "
+      "\"cols\": 3, \"dt\": \"d\", \"data\": [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1]}, \"distortion_coefficients\": "
+      "{\"rows\": "
+      "1, \"cols\": 4, \"data\": [0.1, 0, 0, 0]}}\n",
+      "60 60 31.5 23.5 0.1 0 0 0 0\n"};
 }
 
 struct ReadText {
@@ -294,15 +326,14 @@ inline void fuzz_pose_text(std::string_view input) {
 
 inline void fuzz_settings(std::string_view input) {
   const MemoryFile file(input);
-  try {
-    const PinholeCamera camera = opencv::load_calibration(file.path().string());
-    ++arrived;
-    require_that(std::isfinite(camera.fx()) && camera.fx() > 0, "a camera that is loaded has a focal length");
-  } catch (const std::invalid_argument& error) {
-    detail::check_one_line(error);
-  } catch (const std::runtime_error& error) {
-    detail::check_one_line(error);
-  }
+  for (const auto& options : {opencv::CalibrationOptions{}, {.camera = "cam0"}, {.sensor_size = SensorSize{64, 48}}})
+    try {
+      const PinholeCamera camera = opencv::load_calibration(file.path().string(), options);
+      ++arrived;
+      require_that(std::isfinite(camera.fx()) && camera.fx() > 0, "a camera that is loaded has a focal length");
+    } catch (const std::runtime_error& error) {
+      detail::check_one_line(error);
+    }
   try {
     const opencv::BoardFile boards = opencv::load_boards(file.path().string());
     require_that(!boards.boards.empty(), "a file of boards has one");

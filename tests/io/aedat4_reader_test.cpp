@@ -30,6 +30,51 @@ TEST_CASE("Aedat4Reader: the first stream of events, in every compression, among
   }
 }
 
+TEST_CASE("Aedat4Reader: triggers at the input, among the events and behind them, in every compression") {
+  const TemporaryFolder folder;
+  const auto events = random_events({346, 260}, 20, 4);
+  const std::vector<Aedat4Trigger> before{{-7, 1}, {40, 2}, {0x7FFFFFFFFFFFFFFF, 3}};
+  const std::vector<Aedat4Trigger> behind{{0, 0}, {50, 1}, {51, 4}, {52, 5}, {53, 9}, {54, -1}, {55, 2}};
+  for (const auto compression : built_compressions()) {
+    const auto packet = [&](int stream, const std::string& content) {
+      return aedat4_packet(stream, compress(content, compression));
+    };
+    Aedat4Reader reader(write_file(folder / "a.aedat4",
+                                   aedat4_header(2 * static_cast<int>(compression), -1, aedat4_streams({346, 260})) +
+                                       packet(3, aedat4_triggers(before)) + packet(1, aedat4_events(events)) +
+                                       packet(3, aedat4_triggers({})) + packet(3, aedat4_triggers(behind))));
+    CHECK(reader.next_batch().size() == events.size());
+    const auto first = reader.triggers();
+    CHECK(std::vector(first.begin(), first.end()) ==
+          std::vector<TriggerEvent>{{0, true, -7}, {0, false, 40}, {0, true, 0x7FFFFFFFFFFFFFFF}});
+    CHECK(reader.next_batch().empty());
+    const auto last = reader.triggers();
+    CHECK(std::vector(last.begin(), last.end()) == std::vector<TriggerEvent>{{0, true, 50}, {0, false, 55}});
+    CHECK(reader.statistics().triggers == 5);
+  }
+}
+
+TEST_CASE("Aedat4Reader: garbled packets of triggers") {
+  const TemporaryFolder folder;
+  const std::string header = aedat4_header(0, -1, aedat4_streams({346, 260}));
+  const auto error_of_packet = [&](const std::string& content) {
+    Aedat4Reader reader(write_file(folder / "a.aedat4", header + aedat4_packet(3, content)));
+    return error_of([&] { reader.next_batch(); });
+  };
+  const std::string one = aedat4_triggers(std::vector<Aedat4Trigger>{{5, 1}});
+  for (std::size_t cut = 4; cut < one.size() - 3; ++cut)  // the last three bytes fill up
+    CHECK(contains(error_of_packet(one.substr(0, cut)), "a.aedat4: packet: garbled flatbuffer"));
+  CHECK(contains(error_of_packet(flatbuffer_of_vector("TRIG", 1, little(0x7FFFFFF0, 4))), "garbled flatbuffer"));
+  CHECK(contains(error_of_packet(flatbuffer_of_vector("TRIG", 0x40000001, little(4, 4))), "garbled flatbuffer"));
+  std::string offsets;  // many of one table
+  constexpr std::size_t kCount = 2000000;
+  for (std::size_t i = 0; i < kCount; ++i) offsets += little(4 * (kCount - i) + 8, 4);
+  const std::string table =
+      little(8, 2) + little(16, 2) + little(4, 2) + little(12, 2) + little(8, 4) + little(5, 8) + little(1, 4);
+  CHECK(contains(error_of_packet(flatbuffer_of_vector("TRIG", kCount, offsets + table)),
+                 "a.aedat4: garbled: 1048577 triggers among 0 events"));
+}
+
 TEST_CASE("Aedat4Reader: a packet longer than a block, and a header without the position of the index") {
   const TemporaryFolder folder;
   const auto events = random_events({346, 260}, 200000, 6);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 
 namespace evmarker::io::test {
 
@@ -94,6 +95,25 @@ class Hdf5Bytes {
     H5Tinsert(type, "p", HOFFSET(Event, p), H5T_NATIVE_INT16);
     H5Tinsert(type, "t", HOFFSET(Event, t), H5T_NATIVE_INT64);
     add(path, {events.size()}, type, type, events.data(), storage);
+    H5Tclose(type);
+  }
+
+  /// Adds triggers as compounds p, t and id, like Prophesee.
+  void add_triggers(const std::string& path, std::span<const TriggerEvent> triggers, const Hdf5Storage& storage = {}) {
+    struct Row {
+      std::int16_t p;
+      std::int64_t t;
+      std::int16_t id;
+    };
+    std::vector<Row> rows;
+    for (const TriggerEvent& trigger : triggers)
+      rows.push_back(
+          {static_cast<std::int16_t>(trigger.rising ? 1 : 0), trigger.t, static_cast<std::int16_t>(trigger.id)});
+    const hid_t type = H5Tcreate(H5T_COMPOUND, sizeof(Row));
+    H5Tinsert(type, "p", HOFFSET(Row, p), H5T_NATIVE_INT16);
+    H5Tinsert(type, "t", HOFFSET(Row, t), H5T_NATIVE_INT64);
+    H5Tinsert(type, "id", HOFFSET(Row, id), H5T_NATIVE_INT16);
+    add(path, {rows.size()}, type, type, rows.data(), storage);
     H5Tclose(type);
   }
 

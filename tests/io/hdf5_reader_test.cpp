@@ -86,6 +86,68 @@ TEST_CASE("Hdf5Reader: Prophesee's compounds, with their sensor size") {
   CHECK(shifted.next_batch()[1].t == events[1].t - events[0].t);
 }
 
+TEST_CASE("Hdf5Reader: Prophesee's triggers, each among the events of its time, and behind them") {
+  const TemporaryFolder folder;
+  std::vector<Event> events;
+  for (Timestamp t = 0; t < 40000; ++t) events.push_back({5, 6, 1, 100 + 10 * t});  // more than one batch
+  std::vector<TriggerEvent> triggers{{0, true, -5}};
+  for (Timestamp t = 0; t < 9000; ++t) triggers.push_back({static_cast<int>(t % 2), t % 3 == 0, 100 + 50 * t});
+  for (const auto& storage : {Hdf5Storage{}, kChunks}) {
+    Hdf5Bytes file;
+    file.add_compounds("CD/events", events, kChunks);
+    file.add_triggers("EXT_TRIGGER/events", triggers, storage);
+    file.add("EXT_TRIGGER/indexes", std::vector<std::int64_t>(10, 0), H5T_STD_U64LE);
+    file.add_attribute("geometry", "1280x720");
+    Hdf5Reader reader(write_hdf5(folder, file));
+    std::vector<TriggerEvent> read;
+    Timestamp before = std::numeric_limits<Timestamp>::min();
+    for (bool more = true; more;) {
+      const auto batch = reader.next_batch();
+      more = !batch.empty();
+      for (const TriggerEvent& trigger : reader.triggers()) {
+        CHECK_MESSAGE((trigger.t > before && (!more || trigger.t <= batch.back().t)), trigger.t);
+        read.push_back(trigger);
+      }
+      if (more) before = batch.back().t;
+    }
+    CHECK(read == triggers);
+    CHECK(reader.statistics().triggers == 9001);
+    CHECK(reader.next_batch().empty());
+    CHECK(reader.triggers().empty());
+  }
+  Hdf5Reader shifted(folder / "a.h5", {{.shift_first_time_to_zero = true}});
+  CHECK(shifted.next_batch()[0].t == 105);
+  CHECK(shifted.triggers()[0] == TriggerEvent{0, true, 0});
+}
+
+TEST_CASE("Hdf5Reader: triggers that cannot be read are one line that names them") {
+  const TemporaryFolder folder;
+  const std::vector<Event> events{{5, 6, 1, 100}};
+  const auto error_with = [&](const auto& add) {
+    Hdf5Bytes file;
+    file.add_compounds("CD/events", events);
+    file.add_attribute("geometry", "1280x720");
+    add(file);
+    return error_of([&] {
+      Hdf5Reader reader(write_hdf5(folder, file));
+      while (!reader.next_batch().empty()) {
+      }
+    });
+  };
+  const std::string place = "a.h5: /EXT_TRIGGER/events: ";
+  CHECK(contains(error_with([&](Hdf5Bytes& file) { file.add_compounds("EXT_TRIGGER/events", events); }),
+                 place + "it has no member id, must have p, t and id"));
+  CHECK(contains(
+      error_with([](Hdf5Bytes& file) { file.add("EXT_TRIGGER/events", std::vector<double>{1}, H5T_IEEE_F64LE); }),
+      place + "it has no member p"));
+  const std::vector<TriggerEvent> negative{{-1, true, 5}}, many(1100000, {0, true, 5});
+  CHECK(contains(error_with([&](Hdf5Bytes& file) { file.add_triggers("EXT_TRIGGER/events", negative); }),
+                 place + "id is -1, not the number of an input"));
+  CHECK(contains(error_with([&](Hdf5Bytes& file) { file.add_triggers("EXT_TRIGGER/events", many, kChunks); }),
+                 "a.h5: garbled: 1048577 triggers among 0 events"));
+  CHECK(error_with([](Hdf5Bytes& file) { file.add_triggers("EXT_TRIGGER/events", {}); }).empty());
+}
+
 TEST_CASE("Hdf5Reader: MVSEC's columns x, y, t [s] and p of the left camera") {
   const TemporaryFolder folder;
   const auto events = random_events({346, 260}, 40000, 3);

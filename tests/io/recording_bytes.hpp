@@ -137,7 +137,26 @@ inline std::string aedat4_events(std::span<const Event> events) {
   return flatbuffer_of_vector("EVTS", events.size(), elements);
 }
 
-/// Stream 0 of frames, stream 1 of events, stream 2 of other events.
+/// A trigger of AEDAT 4: its time, and its kind, 1 for a rising edge, 2 for a falling one, 3 for a pulse.
+struct Aedat4Trigger {
+  Timestamp t;
+  int type;
+};
+
+/// A vector of offsets of tables, behind it the description of the tables' fields, and the tables.
+inline std::string aedat4_triggers(std::span<const Aedat4Trigger> triggers) {
+  const std::size_t fields = 4 * triggers.size();
+  std::string offsets, tables = little(8, 2) + little(16, 2) + little(4, 2) + little(12, 2);
+  for (const Aedat4Trigger& trigger : triggers) {
+    const std::size_t table = tables.size();
+    offsets += little(fields + table - offsets.size(), 4);
+    tables += little(table, 4) + little(static_cast<std::uint64_t>(trigger.t), 8) +
+              little(static_cast<std::uint64_t>(trigger.type), 4);
+  }
+  return flatbuffer_of_vector("TRIG", triggers.size(), offsets + tables);
+}
+
+/// Stream 0 of frames, stream 1 of events, stream 2 of other events, stream 3 of triggers.
 inline std::string aedat4_streams(SensorSize size) {
   const auto stream = [](const char* name, const char* type, const std::string& info) {
     return std::string("<node name=\"") + name + "\" path=\"/mainloop/Recorder/outInfo/" + name +
@@ -148,7 +167,7 @@ inline std::string aedat4_streams(SensorSize size) {
                             "</attr><attr key=\"sizeY\" type=\"int\">" + std::to_string(size.height) + "</attr>";
   return "<dv version=\"2.0\"><node name=\"outInfo\" path=\"/mainloop/Recorder/outInfo/\">" +
          stream("0", "FRME", "<attr key=\"sizeX\" type=\"int\">7</attr><attr key=\"sizeY\" type=\"int\">8</attr>") +
-         stream("1", "EVTS", sides) + stream("2", "EVTS", sides) + "</node></dv>";
+         stream("1", "EVTS", sides) + stream("2", "EVTS", sides) + stream("3", "TRIG", "") + "</node></dv>";
 }
 
 inline std::string aedat4_header(int compression, std::int64_t end_of_packets, const std::string& streams) {

@@ -47,6 +47,28 @@ TEST_CASE("a file of settings is read as PyYAML and ROS write it") {
   CHECK(static_cast<int>(file.required("a")[1]["b"]) == 4);
   CHECK(static_cast<int>(file.required("d")[0]["e"]) == 5);
   CHECK_THROWS_AS(SettingsFile("file", write("s.yml", "- 1\n- 2\n")), std::runtime_error);
-  const SettingsFile list("file", write("s.yml", "---\n- 1\n- 2\n"), "all");
+  const SettingsFile list("file", write("s.yml", "---\n- 1\n- 2\n"), {.list = "all"});
   CHECK(list.required("all").size() == 2);
+}
+
+TEST_CASE("the first of several documents ends before the next mark") {
+  using opencv::detail::first_document;
+  CHECK(first_document("a: 1\nb: 2\n---\na: 3\n---\n") == "a: 1\nb: 2\n");
+  CHECK(first_document("# c\n%YAML 1.0\n---\n\na: 1\n...\n") == "# c\n%YAML 1.0\n---\n\na: 1\n");
+  CHECK(first_document("a: --- b\n ---\n") == "a: --- b\n ---\n");
+  CHECK(first_document("") == "");
+  CHECK(first_document("---") == "---");
+  // Where one document is expected, what follows it is refused: OpenCV's parser may never return from it.
+  for (const char* documents : {"a: 1\n...\n}\n", "a: 1\n---\n}\n"}) {
+    const std::string path = write("documents.yml", documents);
+    CHECK_THROWS_AS(SettingsFile("test", path), std::runtime_error);
+    CHECK(SettingsFile("test", path, {.first_document = true}).positive_integer("a") == 1);
+  }
+}
+
+TEST_CASE("nothing but numbers is a list") {
+  using opencv::detail::listed_numbers;
+  CHECK(listed_numbers("1.5 -2e-3\t3,\r\n4\n") == "[1.5, -2e-3, 3, 4]\n");
+  for (const char* other : {"", " \n", "a: 1\n", "1 2 three\n", "1: 2\n", "[1, 2]\n"})
+    CHECK(listed_numbers(other).empty());
 }

@@ -70,7 +70,7 @@ def test_poses_are_near_the_truth(camera):
     now = tracker.poses_at(302_000)  # 2 ms behind the end
     assert now["t_us"] == [302_000]
     assert 1e3 * np.linalg.norm(now["T_camera_marker"][0, :3, 3] - motion(0.302)[:3, 3]) < 1
-    assert now["sigma_t_mm"] > poses["sigma_t_mm"][-1]
+    assert tracker.poses_at(320_000)["sigma_t_mm"] > now["sigma_t_mm"]
 
 
 def in_dtype(**fields):
@@ -177,6 +177,17 @@ def test_cameras(folder, camera):
         evmarker.PinholeCamera((640, 480), -1, 533, 319.5, 239.5)
     with pytest.raises(ValueError, match="^camera: fisheye has 3 numbers, not 4: k1 k2 k3 k4$"):
         evmarker.PinholeCamera((640, 480), 533, 533, 319.5, 239.5, fisheye=[0, 0, 0])
+
+
+def test_calibrations_of_several_cameras_and_without_a_size(tmp_path):
+    camera = "  camera_model: pinhole\n  intrinsics: [%d, 301, 160, 120]\n  resolution: [346, 260]\n"
+    lens = "  distortion_model: radtan\n  distortion_coeffs: [0, 0, 0, 0]\n"
+    (tmp_path / "chain.yaml").write_text("cam0:\n" + camera % 300 + lens + "cam1:\n" + camera % 310 + lens)
+    (tmp_path / "calib.txt").write_text("299 301 120 90 0 0 0 0 0\n")
+    assert evmarker.load_calibration(tmp_path / "chain.yaml", "cam1").fx == 310
+    assert evmarker.load_calibration(tmp_path / "calib.txt", size=(240, 180)).fx == 299
+    with pytest.raises(ValueError, match="cam0, cam1"):
+        evmarker.load_calibration(tmp_path / "chain.yaml")
 
 
 def test_lens_distortion_bends_the_image():

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/events/trigger_event.hpp"
 #include "evmarker/io/aedat4_header.hpp"
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/compression.hpp"
@@ -25,8 +26,9 @@
 
 namespace evmarker::io {
 
-/// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events the first in
-/// the header is read; packets of other streams, of frames, measurements and triggers, are passed over.
+/// Reads AEDAT 4 recordings: a header with the streams, and packets of these. Of several streams of events, or of
+/// triggers, the first in the header is read; packets of other streams, of frames and measurements, are passed over.
+/// Edges and pulses at the camera's input are triggers of id 0, pulses rising.
 class Aedat4Reader final : public StreamingReader {
  public:
   /// @throws RecordingError where the file cannot be read, has no stream of events, or is compressed by a library that
@@ -45,7 +47,10 @@ class Aedat4Reader final : public StreamingReader {
     const auto events = std::ranges::find(header.streams, "EVTS", &Aedat4Stream::type);
     if (events == header.streams.end())
       throw RecordingError(bytes_.path(), "header: no stream of events (typeIdentifier EVTS) in it");
-    stream_ = events->id;
+    event_stream_ = events->id;
+    if (const auto triggers = std::ranges::find(header.streams, "TRIG", &Aedat4Stream::type);
+        triggers != header.streams.end())
+      trigger_stream_ = triggers->id;
     if (header.end_of_packets >= 0) end_of_packets_ = static_cast<std::uint64_t>(header.end_of_packets);
     decompressor_ = make_decompressor(header.compression, "packets", bytes_.path());
     collector_.set_sensor_size(choose_sensor_size(events->size, options, 1 << 15, "AEDAT 4", bytes_.path()));
@@ -97,27 +102,44 @@ class Aedat4Reader final : public StreamingReader {
                            begin);
     bytes_.skip(kPacketHeaderBytes);
     const auto bytes = static_cast<std::uint64_t>(length);
-    const bool whole = stream == stream_ ? read_whole(bytes, "packet") : pass_whole(bytes);
+    const bool of_interest = stream == event_stream_ || stream == trigger_stream_;
+    const bool whole = of_interest ? read_whole(bytes, "packet") : pass_whole(bytes);
     if (!whole) {
       collector_.statistics.truncated_bytes += bytes_.position() - begin;
       return false;
     }
-    if (stream == stream_) decode_packet(begin);
+    if (of_interest) decode_packet(stream, begin);
     return true;
   }
 
-  void decode_packet(std::uint64_t begin) {
+  void decode_packet(int stream, std::uint64_t begin) {
     try {
       const auto content = decompressor_ ? decompressor_->decompress(packet_) : std::span<const std::byte>(packet_);
       constexpr std::size_t size_prefix = 4;
       if (content.size() < size_prefix) throw std::runtime_error("it has no size");
-      events_ = FlatTable(content.subspan(size_prefix)).vector(0, kEventBytes);
+      const FlatTable packet(content.subspan(size_prefix));
+      if (stream == event_stream_)
+        events_ = packet.vector(0, kEventBytes);
+      else
+        packet.for_each_table(0, [&](const FlatTable& trigger) { add_trigger(trigger); });
+    } catch (const RecordingError&) {
+      throw;
     } catch (const std::exception& error) {
       throw RecordingError(bytes_.path(), std::string("packet: ") + error.what(), begin);
     }
   }
 
-  int stream_ = 0;
+  // What is no signal at the input, as resets of the clock, pulses of the camera's own generator and exposures of
+  // frames, is left out.
+  void add_trigger(const FlatTable& trigger) {
+    constexpr int kRisingEdge = 1, kFallingEdge = 2, kPulse = 3;
+    const int type = trigger.number<std::int8_t>(1, 0);
+    if (type == kRisingEdge || type == kFallingEdge || type == kPulse)
+      collector_.add(TriggerEvent{0, type != kFallingEdge, trigger.number<std::int64_t>(0, 0)});
+  }
+
+  int event_stream_ = 0;
+  std::optional<int> trigger_stream_;
   std::uint64_t end_of_packets_ = ~std::uint64_t{0};
   std::unique_ptr<Decompressor> decompressor_;  // none where packets are not compressed
   std::span<const std::byte> events_;           // of the packet that are not delivered yet

@@ -44,11 +44,11 @@ class EventCollector {
         {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), static_cast<std::int16_t>(on ? 1 : 0), shifted});
   }
 
-  /// @throws RecordingError where so many triggers come without an event that they are no recording's
+  /// @throws RecordingError where a batch has so many triggers that they are no recording's
   void add(TriggerEvent trigger) {
-    if (events_.empty() && triggers_.size() > kMaxTriggers)
-      throw RecordingError(path_,
-                           "garbled: " + std::to_string(triggers_.size()) + " triggers without an event among them");
+    if (triggers_.size() > kMaxTriggers)
+      throw RecordingError(path_, "garbled: " + std::to_string(triggers_.size()) + " triggers among " +
+                                      std::to_string(events_.size()) + " events");
     trigger.t = shift(trigger.t);
     ++statistics.triggers;
     triggers_.push_back(trigger);

@@ -36,6 +36,17 @@ class FlatTable {
     return part(buffer_, begin + 4, std::uint64_t{word<std::uint32_t>(buffer_, begin)} * element_bytes);
   }
 
+  /// Calls `use` with each table of a vector of tables.
+  template <typename Use>
+  void for_each_table(std::size_t field, const Use& use) const {
+    constexpr std::size_t kOffsetBytes = 4;
+    const auto offsets = vector(field, kOffsetBytes);
+    if (offsets.empty()) return;
+    const auto begin = static_cast<std::size_t>(offsets.data() - buffer_.data());
+    for (std::size_t at = begin; at < begin + offsets.size(); at += kOffsetBytes)
+      use(FlatTable(buffer_, at + word<std::uint32_t>(buffer_, at)));
+  }
+
   std::string_view text(std::size_t field) const {
     const auto characters = vector(field, 1);
     return {reinterpret_cast<const char*>(characters.data()), characters.size()};

@@ -20,6 +20,7 @@
 #include "evmarker/io/collecting_reader.hpp"
 #include "evmarker/io/hdf5_handle.hpp"
 #include "evmarker/io/hdf5_layout.hpp"
+#include "evmarker/io/hdf5_triggers.hpp"
 #include "evmarker/io/layout_guess.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
@@ -37,8 +38,8 @@ struct Hdf5ReaderOptions : RecordingOptions {
 
 #ifdef EVMARKER_HAS_HDF5
 
-/// Reads HDF5 recordings of Prophesee, DSEC, MVSEC and others with columns or members x, y, t and p, piece by piece.
-/// Prophesee's triggers are not read. libhdf5 may be used by one thread at a time.
+/// Reads HDF5 recordings of Prophesee, with triggers, of DSEC, MVSEC and others with columns or members x, y, t and p,
+/// piece by piece. libhdf5 may be used by one thread at a time.
 ///
 /// Times are in the unit of their name or of their attribute `units`, else whole numbers are microseconds and others
 /// seconds, unless the first events show another unit; `t_offset`, as of DSEC, is added to them.
@@ -59,6 +60,7 @@ class Hdf5Reader final : public CollectingReader {
     try {
       events_ = find_hdf5_events(file_.get());
       rows_ = events_.columns[0].rows();
+      if (events_.path == "/CD/events") triggers_ = Hdf5Triggers(file_.get());
       has_float_times_ = events_.columns[3].is_float();
       offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
       collector_.set_sensor_size(
@@ -101,8 +103,12 @@ class Hdf5Reader final : public CollectingReader {
   }
 
   bool read_piece() override {
-    if (row_ == rows_ || (stop_ != nullptr && *stop_)) return false;
     const Hdf5Silence silence;
+    if (stop_ != nullptr && *stop_) return false;
+    if (row_ == rows_) {
+      add_triggers(std::numeric_limits<Timestamp>::max());
+      return false;
+    }
     const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
     for (std::size_t column = 0; column < 4; ++column) numbers_[column].resize(count);
     times_.resize(count);
@@ -117,10 +123,26 @@ class Hdf5Reader final : public CollectingReader {
       throw RecordingError(
           path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
     }
-    for (std::size_t i = 0; i < count; ++i, ++row_)
-      collector_.add(numbers_[0][i], numbers_[1][i], numbers_[2][i] > 0,
-                     has_float_times_ ? from_float(times_[i]) : from_whole(numbers_[3][i]));
+    for (std::size_t i = 0; i < count; ++i, ++row_) {
+      const Timestamp t = has_float_times_ ? from_float(times_[i]) : from_whole(numbers_[3][i]);
+      add_triggers(t);
+      collector_.add(numbers_[0][i], numbers_[1][i], numbers_[2][i] > 0, t);
+    }
     return true;
+  }
+
+  // Those until a time, as the file has them apart from the events.
+  void add_triggers(Timestamp until) {
+    try {
+      for (auto* trigger = triggers_.first(); trigger != nullptr && trigger->t <= until; trigger = triggers_.first()) {
+        collector_.add(*trigger);
+        triggers_.pass();
+      }
+    } catch (const RecordingError&) {
+      throw;
+    } catch (const std::runtime_error& fault) {
+      throw RecordingError(path_, fault.what());
+    }
   }
 
   Timestamp from_float(double t) const {
@@ -154,6 +176,7 @@ class Hdf5Reader final : public CollectingReader {
   const std::atomic<bool>* stop_;
   Hdf5Handle file_;
   Hdf5Events events_;
+  Hdf5Triggers triggers_;
   std::uint64_t rows_ = 0, row_ = 0, bytes_total_ = 0;
   bool has_float_times_ = false;
   TimeUnit unit_ = TimeUnit::microseconds;

@@ -61,7 +61,7 @@ inline BoardFile read_placed_markers(const SettingsFile& file, std::string_view 
 /// @throws std::runtime_error naming file, field and value, also of another dictionary
 /// @throws std::invalid_argument naming an unknown `dictionary`
 inline BoardFile load_boards(const std::string& path, std::string_view dictionary = "") {
-  const detail::SettingsFile file("board", path, "boards");
+  const detail::SettingsFile file("board", path, {.list = "boards"});
   if (file.has("target_type")) return detail::read_aprilgrid(file, dictionary);
   if (file.has("tag_bundles")) return detail::read_tag_bundles(file, dictionary);
   if (file.has("boards")) return detail::read_aruco_opencv_boards(file, dictionary);

@@ -1,5 +1,5 @@
 #pragma once
-// Reading and writing of camera calibrations in the formats of OpenCV and ROS.
+// Reading of camera calibrations from files, in the forms that people have, and writing in that of OpenCV.
 #include <cerrno>
 #include <fstream>
 #include <opencv2/core.hpp>
@@ -9,70 +9,51 @@
 #include <vector>
 
 #include "evmarker/model/camera.hpp"
+#include "evmarker/opencv/calibration_forms.hpp"
 #include "evmarker/opencv/settings_file.hpp"
 
 namespace evmarker::opencv {
 
 namespace detail {
 
-// True if the file says that its distortion is a fisheye lens's; by default it is not.
-inline bool is_fisheye(const SettingsFile& file) {
-  for (const char* field : {"fisheye", "fisheye_model"})
-    if (file.has(field)) return file.flag(field);
-  for (const char* field : {"distortion_model", "camera_model"}) {
-    if (!file.has(field)) continue;
-    const std::string name = file.text(field);
-    for (const char* fisheye : {"fisheye", "equidistant", "equi", "kannala_brandt"})
-      if (name == fisheye) return true;
-    for (const char* radial : {"plumb_bob", "radtan", "brown_conrady", "rational_polynomial", "pinhole", "none", ""})
-      if (name == radial) return false;
-    file.fail(std::string(field) + " is \"" + name + "\", not plumb_bob, rational_polynomial or fisheye");
+inline PinholeCamera read_calibration(const SettingsFile& file, const CalibrationOptions& options) {
+  if (file.has("intrinsics") && file.required("intrinsics").isMap()) {
+    const std::vector<cv::FileNode> cameras = find_cameras(file.required("intrinsics"), "camera_matrix");
+    if (cameras.empty()) file.fail("intrinsics has no camera with a field camera_matrix");
+    return read_named_camera(file, choose_camera(file, cameras, options.camera), "camera_matrix");
   }
-  return false;
-}
-
-// Fails for more than the coefficients that the library has.
-inline Distortion read_distortion(const SettingsFile& file) {
-  const std::string field = "distortion_coefficients";
-  std::vector<double> k = file.matrix(field);
-  const std::size_t given = k.size();
-  if (is_fisheye(file)) {
-    if (given != 4) file.fail(field + " has " + std::to_string(given) + " numbers; a fisheye lens has 4");
-    return EquidistantDistortion{k[0], k[1], k[2], k[3]};
-  }
-  if (given != 4 && given != 5 && given != 8 && given != 12 && given != 14)
-    file.fail(field + " has " + std::to_string(given) + " numbers, not 4 or 5 (k1 k2 p1 p2 k3)");
-  for (std::size_t i = 5; i < given; ++i)
-    if (k[i] != 0)
-      file.fail(field + "[" + std::to_string(i) + "] is " + SettingsFile::show(k[i]) +
-                ": rational, thin prism and tilted lenses are not supported, calibrate with 5 coefficients");
-  k.resize(5);
-  if (k == std::vector<double>(5)) return NoDistortion{};
-  return BrownConradyDistortion{k[0], k[1], k[2], k[3], k[4]};
+  if (const std::vector<cv::FileNode> cameras = find_cameras(file.root(), "intrinsics"); !cameras.empty())
+    return read_named_camera(file, choose_camera(file, cameras, options.camera), "intrinsics");
+  if (!options.camera.empty() && !(file.has("camera_name") && file.text("camera_name") == options.camera))
+    file.fail("has no camera of the name " + options.camera + ", but a single camera, which needs none");
+  if (file.has("numbers")) return read_numbers(file, "numbers", options);
+  if (file.has("K") || file.has("k")) return read_lists(file, options);
+  for (const char* field : {"image_width", "image_size", "camera_matrix", "distortion_coefficients"})
+    if (file.has(field)) return read_matrices(file, options);
+  file.fail(
+      "is no calibration: it has no field camera_matrix (OpenCV, ROS), K (ROS message, Metavision) or intrinsics "
+      "(Kalibr, DSEC)");
 }
 
 }  // namespace detail
 
-/// Reads a calibration as OpenCV's FileStorage (YAML, XML, JSON) or ROS's camera_info (YAML) write it: the fields
-/// `image_width`, `image_height`, `camera_matrix`, `distortion_coefficients` and, optionally, `fisheye` or
-/// `fisheye_model`, or else `distortion_model` or `camera_model`.
-/// @throws std::runtime_error naming file, field and value
-inline PinholeCamera load_calibration(const std::string& path) {
-  const detail::SettingsFile file("calibration", path);
-  const SensorSize size{file.positive_integer("image_width"), file.positive_integer("image_height")};
-  const std::vector<double> k = file.matrix("camera_matrix");
-  if (k.size() != 9) file.fail("camera_matrix has " + std::to_string(k.size()) + " elements, not 3 x 3");
-  const char* const names[] = {"fx", "skew", "cx", "[1][0]", "fy", "cy", "[2][0]", "[2][1]", "[2][2]"};
-  const double expected[] = {1, 0, 1, 0, 1, 1, 0, 0, 1};
-  for (const std::size_t i : {std::size_t{1}, std::size_t{3}, std::size_t{6}, std::size_t{7}, std::size_t{8}})
-    if (k[i] != expected[i])
-      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::SettingsFile::show(k[i]) + ", not " +
-                detail::SettingsFile::show(expected[i]));
-  for (const std::size_t i : {std::size_t{0}, std::size_t{4}})
-    if (!(k[i] > 0))
-      file.fail(std::string("camera_matrix ") + names[i] + " is " + detail::SettingsFile::show(k[i]) +
-                ", not positive");
-  return PinholeCamera(size, k[0], k[4], k[2], k[5], detail::read_distortion(file));
+/// Reads a calibration. Its form is recognised by its fields:
+/// - OpenCV's FileStorage (YAML, XML, JSON) and ROS's camera_info (YAML): `image_width`, `image_height`,
+///   `camera_matrix`, `distortion_coefficients` and, optionally, `fisheye` or `fisheye_model`, or else
+///   `distortion_model` or `camera_model`; of Metavision's calibration (JSON) `image_size` in place of the first two;
+/// - ROS's camera_info as printed (`ros2 topic echo`: k, d; `rostopic echo`: K, D), the first of several messages, and
+///   Metavision's camera geometry (JSON): `width`, `height`, `K`, `D`, `distortion_model` or `type`;
+/// - Kalibr's camchain: for each camera a map of `camera_model`, `intrinsics`, `distortion_model`,
+///   `distortion_coeffs` and `resolution`; DSEC's cam_to_cam.yaml: the same with `camera_matrix` under `intrinsics`;
+/// - RPG's calib.txt: fx fy cx cy k1 k2 p1 p2 k3, without the sensor's size.
+/// @throws std::runtime_error naming file, field and value, also where camera or size must be given and are not
+inline PinholeCamera load_calibration(const std::string& path, const CalibrationOptions& options = {}) {
+  const detail::SettingsFile file("calibration", path, {.numbers = "numbers", .first_document = true});
+  const PinholeCamera camera = detail::read_calibration(file, options);
+  if (const SensorSize size = camera.sensor_size(); options.sensor_size && *options.sensor_size != size)
+    file.fail("is of a sensor of " + std::to_string(size.width) + " x " + std::to_string(size.height) + " px, not " +
+              std::to_string(options.sensor_size->width) + " x " + std::to_string(options.sensor_size->height) + " px");
+  return camera;
 }
 
 /// Writes a calibration that `load_calibration` and OpenCV read: as XML or JSON if the path ends in .xml or .json, else

@@ -21,14 +21,20 @@
 
 namespace evmarker::opencv::detail {
 
+// What a file of settings may be besides one document of named fields.
+struct SettingsForms {
+  std::string list{};           // the field as which a YAML file that is one list is read; empty: it is refused
+  std::string numbers{};        // the field as which a file of nothing but numbers is read; empty: it is refused
+  bool first_document = false;  // of several YAML documents, as of printed messages, the first one is read
+};
+
 // A YAML, XML or JSON file of named fields. All errors are std::runtime_error with one line: file, field, value.
 class SettingsFile {
  public:
-  // `kind` describes the file in errors. A YAML file that is one list is read as if it had the single field `list`; it
-  // is refused where that is empty.
-  SettingsFile(std::string kind, const std::string& path, const std::string& list = "")
+  // `kind` describes the file in errors.
+  SettingsFile(std::string kind, const std::string& path, const SettingsForms& forms = {})
       : kind_(std::move(kind)), path_(path) {
-    const std::string text = as_opencv_reads(read(), list);
+    const std::string text = as_opencv_reads(read(), forms);
     if (const std::string reason = find_unsafe(text); !reason.empty()) fail(reason);
     try {
       // OpenCV requires the YAML directive, which ROS does not write.
@@ -86,13 +92,20 @@ class SettingsFile {
     if (!node.isMap() || node["rows"].empty() || node["cols"].empty() || node["data"].empty())
       fail(field + " is not a matrix (rows, cols, data)");
     const double rows = number(node["rows"], field + " rows"), columns = number(node["cols"], field + " cols");
-    std::vector<double> elements;
     if (!node["data"].isSeq()) fail(field + " data is not a list of numbers");
-    for (const cv::FileNode& element : node["data"])
-      elements.push_back(number(element, field + "[" + std::to_string(elements.size()) + "]"));
+    const std::vector<double> elements = numbers(node["data"], field);
     if (rows * columns != static_cast<double>(elements.size()))
       fail(field + " is said to be " + show(rows) + " x " + show(columns) + " but has " +
            std::to_string(elements.size()) + " elements");
+    return elements;
+  }
+
+  // The elements of a list; `field` is the name of the node in errors.
+  std::vector<double> numbers(const cv::FileNode& node, const std::string& field) const {
+    if (!node.isSeq()) fail(field + " is not a list of numbers");
+    std::vector<double> elements;
+    for (const cv::FileNode& element : node)
+      elements.push_back(number(element, field + "[" + std::to_string(elements.size()) + "]"));
     return elements;
   }
 
@@ -152,13 +165,17 @@ class SettingsFile {
   }
 
   // The text from its first character that is not blank on, YAML without what OpenCV's parser refuses.
-  std::string as_opencv_reads(const std::string& content, const std::string& list) const {
-    const std::string text = content.substr(std::min(content.find_first_not_of(" \t\r\n"), content.size()));
+  std::string as_opencv_reads(const std::string& content, const SettingsForms& forms) const {
+    std::string text = content.substr(std::min(content.find_first_not_of(" \t\r\n"), content.size()));
     if (text.empty()) fail("is empty");
     if (text.front() == '{' || text.front() == '<') return text;
+    if (!forms.numbers.empty())
+      if (const std::string numbers = listed_numbers(text); !numbers.empty()) return forms.numbers + ": " + numbers;
+    if (forms.first_document) text = first_document(text);
     std::string yaml = plain_yaml(text);
     const std::size_t head = yaml.compare(0, 4, "---\n") == 0 ? 4 : 0;
-    if (!list.empty() && yaml.compare(head, 2, "- ") == 0) yaml = plain_yaml(list + ":\n" + yaml.substr(head));
+    if (!forms.list.empty() && yaml.compare(head, 2, "- ") == 0)
+      yaml = plain_yaml(forms.list + ":\n" + yaml.substr(head));
     if (yaml.empty()) fail("is empty");
     return yaml;
   }

@@ -103,6 +103,34 @@ class YamlLines {
   char quote_ = 0;  // the quotation mark that is open, or 0
 };
 
+// The first document of a text of YAML: all before the next line that begins with --- or ...
+inline std::string first_document(const std::string& yaml) {
+  bool begun = false;  // there was a line that is neither blank, a directive nor a comment
+  for (std::size_t at = 0; at < yaml.size();) {
+    const std::string_view line = std::string_view(yaml).substr(at, yaml.find('\n', at) - at);
+    const bool is_mark = line.starts_with("---") || line.starts_with("...");
+    if (is_mark && begun) return yaml.substr(0, at);
+    const std::size_t word = line.find_first_not_of(" \t\r");
+    begun = begun || (!is_mark && word != line.npos && line[word] != '%' && line[word] != '#');
+    at += line.size() + 1;
+  }
+  return yaml;
+}
+
+// A text of nothing but numbers, separated by blanks or commas, as a list in brackets; empty if it is none.
+inline std::string listed_numbers(const std::string& text) {
+  std::string list;
+  for (std::size_t at = 0; (at = text.find_first_not_of(" \t\r\n,", at)) != text.npos;) {
+    const std::string word = text.substr(at, text.find_first_of(" \t\r\n,", at) - at);
+    char* end = nullptr;
+    std::strtod(word.c_str(), &end);
+    if (*end != '\0') return {};
+    list += (list.empty() ? "[" : ", ") + word;
+    at += word.size();
+  }
+  return list.empty() ? list : list + "]\n";
+}
+
 // The same YAML for OpenCV's parser; it stays wrong where it is wrong.
 inline std::string plain_yaml(std::string_view yaml) {
   constexpr std::size_t kNone = std::string::npos;

@@ -6,6 +6,7 @@
 
 #include "evmarker/base/vector.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/simd/pack.hpp"
 
 namespace evmarker {
 
@@ -21,9 +22,7 @@ class EdgeScatter {
   /// Adds the residual of an event.
   /// @param edge its number; edges whose numbers are equal modulo 64 count as one
   [[gnu::always_inline]] void add(int edge, double residual_px, double weight) noexcept {
-    Edge& of = edges_[static_cast<std::size_t>(edge) % kEdges];
-    of.sum += weight * residual_px;
-    of.weight += weight;
+    edges_[static_cast<std::size_t>(edge) % kEdges] += weight * simd::Pair{residual_px, 1};
   }
 
   /// Adds the row of an event. It need not be that of every event, only a fair sample.
@@ -37,11 +36,12 @@ class EdgeScatter {
   /// width, so that the events on both sides of them have cancelled.
   void evaluate() noexcept {
     double squares = 0, weight = 0, weight2 = 0;
-    for (const Edge& edge : edges_) {
-      if (!(edge.weight > 0)) continue;
-      squares += edge.sum * edge.sum / edge.weight;
-      weight += edge.weight;
-      weight2 += edge.weight * edge.weight;
+    for (const simd::Pair& edge : edges_) {
+      const double of_edge = edge[1];
+      if (!(of_edge > 0)) continue;
+      squares += edge[0] * edge[0] / of_edge;
+      weight += of_edge;
+      weight2 += of_edge * of_edge;
     }
     if (weight > 0 && rows_weight_ > 0) {
       const double variance = squares / weight;
@@ -82,11 +82,8 @@ class EdgeScatter {
       covariance_ = variance_over_edges * inverse.topLeftCorner<6, 6>();
   }
 
-  struct Edge {
-    double sum = 0, weight = 0;
-  };
-  std::array<Edge, kEdges> edges_{};
-  std::array<Row, kStates> rows_{};  // sum of weight row row^T, lower triangle
+  std::array<simd::Pair, kEdges> edges_{};  // of each, the sums of weight residual and of weight
+  std::array<Row, kStates> rows_{};         // sum of weight row row^T, lower triangle
   double rows_weight_ = 0;
   double variance_px2_ = 0, dark_sides_known_ = 0;
   bool known_ = false;
