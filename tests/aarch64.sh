@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # Builds tests for aarch64 and runs them under QEMU, on Debian or Ubuntu on another processor: each of the rooms that are
 # named, by default those that meet files, threads and vectors.
-#   tests/aarch64.sh [--install] [ROOM...]     --install installs the programs that are missing
-# The libraries for aarch64 go into a folder of their own, as Debian's OpenCV for aarch64 takes the place of the native one.
+#   tests/aarch64.sh [--install] [ROOM...]
+# Needs a cross compiler, QEMU, mmdebstrap, CMake and Ninja; --install installs those that are missing, as root. The
+# libraries for aarch64 are fetched once, into build/aarch64-sysroot: installed, Debian's OpenCV for aarch64 would take
+# the place of the native one.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
