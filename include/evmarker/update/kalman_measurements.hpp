@@ -110,19 +110,18 @@ class KalmanMeasurements {
   [[gnu::always_inline]] void add_squares(std::size_t from) noexcept {
     alignas(64) std::array<simd::Lanes, kNumbers> row, weighted;
     for (std::size_t j = 0; j < kNumbers; ++j)
-      simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
+      for (std::size_t i = 0; i < simd::kLanes; ++i) {
         row[j][i] = rows_.row[j][from + i];
         weighted[j][i] = rows_.weight[from + i] * row[j][i];
-      });
+      }
     const double kept = squares_begun_ || from > 0 ? 1 : 0;
     std::size_t place = 0;
 #pragma GCC unroll 9
     for (std::size_t j = 0; j < kNumbers; ++j)
 #pragma GCC unroll 9
       for (std::size_t k = j; k < kNumbers; ++k, ++place)
-        simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
+        for (std::size_t i = 0; i < simd::kLanes; ++i)
           squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
-        });
   }
 
   // Replaces all measurements by eight with the same information. These are the first eight columns of L in S = L D

@@ -73,7 +73,7 @@ class KalmanUpdate {
     const double t_us = t_us_;
     alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
     alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, product;
-    simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
+    for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const Measurement of_event =
           measurement({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], c.from_end_px2[i], 1, c.polarity[i]);
@@ -86,7 +86,7 @@ class KalmanUpdate {
       since[i] = c.is_event[i] * (since_update_us > 0 ? since_update_us : 0);
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
-    });
+    }
     if (!(simd::sum(product) < kInfinity)) return;
     measurements_.add(rows, weights, c.count);
     for (std::size_t i = 0; i < c.count; ++i) edges_.add(c.segment[i], rows[kResidual][i], weights[i]);
