@@ -84,7 +84,7 @@ std::string build() {
 #else
   const std::string compiler = "gcc-" + std::to_string(__GNUC__);
 #endif
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+#if defined(__GNUC__) && defined(__x86_64__)
   return compiler + "-" + std::to_string(evmarker::simd::detail::kVectorBits);
 #else
   return compiler;

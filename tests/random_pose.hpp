@@ -25,6 +25,7 @@ inline Eigen::Isometry3d random_pose(SeededNumbers& random, double distance, dou
                 Eigen::AngleAxisd(from_behind ? 0 : kPi, Eigen::Vector3d::UnitX()) *
                 Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()))
                    .toRotationMatrix();
-  T.translation() = distance * Eigen::Vector3d(random(-0.4, 0.4), random(-0.3, 0.3), 1);
+  const double y = random(-0.3, 0.3), x = random(-0.4, 0.4);  // as arguments, in an order that compilers choose
+  T.translation() = distance * Eigen::Vector3d(x, y, 1);
   return T;
 }

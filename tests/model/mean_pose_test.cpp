@@ -50,15 +50,16 @@ Vector6d error_in_sigmas(const MeanPose& mean, const Isometry3d& truth) {
 TEST_CASE("a mean is as far from the truth as its covariance says, whether errors last or some poses are wrong") {
   SeededNumbers random(3);
   const Isometry3d truth = random_pose(random, 0.6, 0.8);
-  for (const auto& [lasting, wrong] : {std::pair{1, 0.0}, std::pair{20, 0.0}, std::pair{1, 0.25}}) {
+  for (const auto& errors : {std::pair{1, 0.0}, std::pair{20, 0.0}, std::pair{1, 0.25}}) {
+    const auto [lasting, wrong] = errors;
     double squares = 0;
     constexpr int kSeeds = 200;
     for (unsigned seed = 0; seed < kSeeds; ++seed) {
       const MeanPose mean = average_of(truth, seed, 2000, lasting, wrong, true).mean();
       squares += error_in_sigmas(mean, truth).squaredNorm() / (6 * kSeeds);
     }
-    CAPTURE(lasting);
-    CAPTURE(wrong);
+    CAPTURE(errors.first);
+    CAPTURE(errors.second);
     CHECK(std::sqrt(squares) == doctest::Approx(1).epsilon(0.15));
   }
 }

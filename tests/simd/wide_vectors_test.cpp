@@ -30,7 +30,7 @@ TEST_CASE("whatever the processor has, the loops give the same to rounding") {
   }
 }
 
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+#if defined(__GNUC__) && defined(__x86_64__)
 TEST_CASE("every width that the processor has gives the same to rounding") {
   namespace detail = evmarker::simd::detail;
   MESSAGE("vectors of " << detail::kVectorBits << " bits");

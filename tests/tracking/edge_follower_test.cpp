@@ -325,16 +325,17 @@ TEST_CASE("a rule that takes any number of events still gets one at least") {
 
 TEST_CASE("automatic: as many events as the edges make while they move by a tenth of a pixel") {
   // The lone edge is 0.2 m long: 100 px at 1 m. A rule that does not know how many events that makes: one per px^2.
-  for (const auto& [distance_m, events] : {std::pair{20.0, 1},
-                                           {10.0, 1},
-                                           {4.0, 2},
-                                           {2.0, 5},
-                                           {1.0, 10},
-                                           {0.5, 20},
-                                           {0.125, 80},
-                                           {0.1, 100},
-                                           {0.05, 100}}) {
-    CAPTURE(distance_m);
+  for (const auto& expected : {std::pair{20.0, 1},
+                               {10.0, 1},
+                               {4.0, 2},
+                               {2.0, 5},
+                               {1.0, 10},
+                               {0.5, 20},
+                               {0.125, 80},
+                               {0.1, 100},
+                               {0.05, 100}}) {
+    CAPTURE(expected.first);
+    const auto [distance_m, events] = expected;
     CountingFollower follower(lone_edge(), kFocal, turned_pose({0, 0, 0}, {0, 0, distance_m}), {});
     CHECK(follower.events_per_update() == events);
     CHECK(follower.rule().events_per_update == events);
@@ -360,10 +361,11 @@ TEST_CASE("automatic: more where a pixel makes more events, and a number stays t
                                       turned_pose({std::numbers::pi, 0, 0}, {0, 0, distance_m}),
                                       {.events_per_update = n});
   };
-  for (const auto& [distance_m, per_px2, events] :
+  for (const auto& expected :
        {std::tuple{1.0, 3.0, 60}, {1.0, 30.0, 100}, {1.0, 0.2, 20}, {4.0, 1.6, 8}, {100.0, 2.0, 1}}) {
-    CAPTURE(distance_m);
-    CAPTURE(per_px2);
+    CAPTURE(std::get<0>(expected));
+    CAPTURE(std::get<1>(expected));
+    const auto [distance_m, per_px2, events] = expected;
     EdgeFollower<KalmanUpdate> follower = square(distance_m, evmarker::kAutomatic), fixed = square(distance_m, 7);
     follower.set_events_per_passage(per_px2);
     fixed.set_events_per_passage(per_px2);

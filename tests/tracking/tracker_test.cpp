@@ -632,8 +632,9 @@ TEST_CASE("several markers are tracked at once, each by its own id") {
     meters[pose.id].add(pose, motions.at(pose.id)(seconds(pose.t)));
   }
   REQUIRE(meters.size() == 2);
-  for (const auto& [id, meter] : meters) {
-    CAPTURE(id);
+  for (const auto& of_marker : meters) {
+    CAPTURE(of_marker.first);
+    const AccuracyMeter& meter = of_marker.second;
     CHECK(meter.tracking() > 1000);
     CHECK(meter.translation_mm().mean < 6);
     CHECK(meter.rotation_deg().mean < 2.5);

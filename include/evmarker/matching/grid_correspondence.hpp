@@ -101,12 +101,12 @@ template <typename LineOf>
 [[gnu::always_inline]] inline void correspond_on(const GridMatches& matches, const LineOf& line_of, double focal_length,
                                                  Correspondences& c) noexcept {
   alignas(64) simd::Lanes norm;
-  for (std::size_t i = 0; i < simd::kLanes; ++i) {
+  simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
     const Vec3 image = line_of(i).image;
     norm[i] = image.x * image.x + image.y * image.y;
-  }
+  });
   simd::square_roots(norm);
-  for (std::size_t i = 0; i < simd::kLanes; ++i) {
+  simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
     const Vec2 m{matches.x[i], matches.y[i]};
     const EdgeLine line = line_of(i);
     const EdgeGeometry geometry = edge_geometry(line.image, matches.dark[i] / norm[i], line.V, line.S, matches.begin[i],
@@ -126,7 +126,7 @@ template <typename LineOf>
     c.g_x[i] = geometry.gradient.x;
     c.g_y[i] = geometry.gradient.y;
     c.g_z[i] = geometry.gradient.z;
-  }
+  });
   c.segment = matches.segment;
   c.set_count(matches.count);
 }

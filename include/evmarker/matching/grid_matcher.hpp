@@ -119,11 +119,12 @@ class GridMatcher {
       const StretchTable table = this->table();
       const Limits limits = this->limits();
       nearest_lines(
-          [view](std::size_t) __attribute__((always_inline)) { return view; }, &events.x[first], &events.y[first],
-          count, lines);
+          [view](std::size_t) __attribute__((always_inline))->const GridView& { return view; }, &events.x[first],
+          &events.y[first], count, lines);
       for (std::size_t from = 0; from < count; from += simd::kLanes)
-        for (std::size_t i = from; i < from + simd::kLanes; ++i)
-          choices.stretch[i] = choose_one(lines, i, table, limits);
+        simd::for_each_lane([&](std::size_t lane) __attribute__((always_inline)) {
+          choices.stretch[from + lane] = choose_one(lines, from + lane, table, limits);
+        });
     });
   }
 

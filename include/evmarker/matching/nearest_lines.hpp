@@ -36,8 +36,9 @@ template <typename ViewOf>
                                                  std::size_t count, NearestLines& lines) noexcept {
   constexpr double kRounding = ProjectedGrid::kRounding;
   for (std::size_t from = 0; from < count; from += simd::kLanes)
-    for (std::size_t i = from; i < from + simd::kLanes; ++i) {
-      const GridView grid = view_of(i);
+    simd::for_each_lane([&](std::size_t lane) __attribute__((always_inline)) {
+      const std::size_t i = from + lane;
+      const GridView& grid = view_of(i);
       const Vec3 row_x = grid.row_x, row_y = grid.row_y, row_w = grid.row_w;
       const double cells = grid.cells, centre = cells / 2;
       const double before = 0.5 - grid.margin, behind = 0.5 + grid.margin;
@@ -61,7 +62,7 @@ template <typename ViewOf>
       nearest(0, row_x, row_y, a_x, a_y);
       nearest(1, row_y, row_x, a_y, a_x);
       lines.exists[i] = exists;
-    }
+    });
 }
 
 }  // namespace evmarker

@@ -11,6 +11,16 @@ inline constexpr std::size_t kLanes = 8;
 
 using Lanes = std::array<double, kLanes>;
 
+/// Calls `work(i)` for each lane i, in a loop that the compiler vectorises. `work` must be marked `always_inline`, and
+/// what it does for one lane must not depend on another.
+template <typename Work>
+[[gnu::always_inline]] inline void for_each_lane(const Work& work) noexcept {
+#ifdef __clang__  // which otherwise unrolls the loop before it looks for vectors, or rates them too low
+#pragma clang loop unroll(disable) vectorize(enable)
+#endif
+  for (std::size_t i = 0; i < kLanes; ++i) work(i);
+}
+
 /// The sum of the lanes.
 [[gnu::always_inline]] inline double sum(const Lanes& lanes) noexcept {
   double four[4], two[2];

@@ -12,14 +12,19 @@ using Bits = std::integral_constant<std::size_t, kBits>;
 
 }  // namespace detail
 
-// With GCC only; other compilers use the vectors of the processor that they compile for.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+// On x86-64. Elsewhere the vectors are those of the processor that the program is compiled for: all of aarch64 has two
+// numbers to a vector.
+#if defined(__GNUC__) && defined(__x86_64__)
 
 namespace detail {
 
 template <typename Loops>
-[[gnu::noinline, gnu::target("avx512f,avx512dq,avx512vl,fma,prefer-vector-width=512")]] void in_512_bits(
-    const Loops& loops) noexcept {
+#ifdef __clang__  // does not accept the preference, and needs none
+[[gnu::noinline, gnu::target("avx512f,avx512dq,avx512vl,fma")]]
+#else
+[[gnu::noinline, gnu::target("avx512f,avx512dq,avx512vl,fma,prefer-vector-width=512")]]
+#endif
+void in_512_bits(const Loops& loops) noexcept {
   loops();
 }
 

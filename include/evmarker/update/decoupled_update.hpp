@@ -94,12 +94,12 @@ class DecoupledUpdate {
     alignas(64) simd::Lanes weights;
     // w0 (1 - w0)^(n - 1 - i) for event i of n, then zeros.
     for (std::size_t i = 0; i < simd::kLanes; ++i) weights[i] = weights_[simd::kLanes - n + i];
-    for (std::size_t i = 0; i < simd::kLanes; ++i) {
+    simd::for_each_lane([&](std::size_t i) __attribute__((always_inline)) {
       const Terms of_event = terms({c.M_x[i], c.M_y[i]}, {c.E_x[i], c.E_y[i], c.E_z[i]}, {c.F_x[i], c.F_y[i], c.F_z[i]},
                                    {c.g_x[i], c.g_y[i], c.g_z[i]}, c.polarity[i], T);
 #pragma GCC unroll 13
       for (std::size_t k = 0; k < kTerms; ++k) sums_[k][i] = kept * sums_[k][i] + weights[i] * of_event[k];
-    }
+    });
     faded_ *= kept_[n];
     summing_ = true;
   }
