@@ -24,6 +24,7 @@ struct TrackOptions : PoseOutputOptions {
   // Automatic or not, as the library has them.
   int events_per_update = evmarker::TrackerSettings<>{}.marker.events_per_update;
   int filter_window_us = static_cast<int>(evmarker::TrackerSettings<>{}.filter_window.count());
+  double latency_us = 0;
   bool quiet = false;
 
   void add_to(CLI::App& app) {
@@ -47,6 +48,10 @@ struct TrackOptions : PoseOutputOptions {
                    "noise filter: age of a supporting event; auto: by the noise that there is")
         ->transform(console::automatic_or_up_to(480000000))
         ->default_str(console::automatic_or(filter_window_us));
+    app.add_option("--latency-us", latency_us,
+                   "known delay of the camera's events, beside the one that they show: poses are moved forward by it")
+        ->check(CLI::Range(0.0, 1e6))
+        ->capture_default_str();
     PoseOutputOptions::add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes());
@@ -71,7 +76,9 @@ struct TrackOptions : PoseOutputOptions {
   void with_rule(const Use& use) const {
     using namespace evmarker;
     if (update == "kalman")
-      return use.template operator()<KalmanUpdate>(KalmanUpdate::Settings{}, io::PoseColumns::pose_and_motion);
+      return use.template operator()<KalmanUpdate>(KalmanUpdate::Settings{.latency_s = 1e-6 * latency_us},
+                                                   io::PoseColumns::pose_and_motion);
+    if (latency_us > 0) throw std::invalid_argument("--latency-us: only --update kalman estimates the motion it needs");
     const auto rule = update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
     use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }

@@ -318,8 +318,8 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
   line >> id >> count >> mm >> deg;
   CHECK(id == 7);
   CHECK(count == error.poses);
-  CHECK(mm == doctest::Approx(error.mm).epsilon(0.01));
-  CHECK(deg == doctest::Approx(error.deg).epsilon(0.01));
+  CHECK(mm == doctest::Approx(error.mm).epsilon(0.01).scale(0));
+  CHECK(deg == doctest::Approx(error.deg).epsilon(0.01).scale(0));
   CHECK(split(read_file(folder / "errors.csv"), '\n').size() == poses.size() + 1);
 
   const cv::Mat picture = cv::imread((folder / "overlay.png").string());
@@ -716,7 +716,7 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless the board 
 
   const Result stretched = run(folder, calibrate + " --free-pitch");
   REQUIRE_MESSAGE(stretched.code == 0, stretched.err);
-  CHECK(number_after(stretched.out, "distances between the markers: ") == doctest::Approx(1).epsilon(0.003));
+  CHECK(number_after(stretched.out, "distances between the markers: ") == doctest::Approx(1).epsilon(0.003).scale(0));
 
   const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.6" + simulate);
   REQUIRE_MESSAGE(still.code == 0, still.err);
@@ -1464,14 +1464,14 @@ TEST_CASE("examples: info reports what was put into a recording") {
     return std::stod(result.out.substr(at + word.size()));
   };
   CHECK(number_after(std::to_string(events) + ", ") ==
-        doctest::Approx(100 * static_cast<double>(on) / static_cast<double>(events)).epsilon(0.002));
+        doctest::Approx(100 * static_cast<double>(on) / static_cast<double>(events)).epsilon(0.002).scale(0));
   CHECK(contains(result.out, "time       1.0000"));
   CHECK(contains(result.out, " s: 2.00 s\n"));
-  CHECK(number_after("rate       ") == doctest::Approx(static_cast<double>(events) / 2000).epsilon(0.01));
+  CHECK(number_after("rate       ") == doctest::Approx(static_cast<double>(events) / 2000).epsilon(0.01).scale(0));
   CHECK(contains(result.out, " k/s mean, "));
-  CHECK(number_after("gaps       longest ") == doctest::Approx(50).epsilon(0.01));
+  CHECK(number_after("gaps       longest ") == doctest::Approx(50).epsilon(0.01).scale(0));
   CHECK(contains(result.out, " ms, after 2.000000 s; 1 of more than 0."));
-  CHECK(number_after("noise      ") == doctest::Approx(2).epsilon(0.1));
+  CHECK(number_after("noise      ") == doctest::Approx(2).epsilon(0.1).scale(0));
   CHECK(contains(result.out, "hot pixels 2: (100, 50) 4.88 k/s, (200, 150) 2.44 k/s\n"));
   CHECK(contains(result.out, "triggers   input 6: 3 rising, 2 falling\n"));
   CHECK(contains(result.out, "recording  1 events whose time neither"));

@@ -48,11 +48,11 @@ TEST_CASE("distributions have their moments") {
   CHECK(least < 1e-4);
   CHECK(greatest < 1);
   CHECK(greatest > 1 - 1e-4);
-  CHECK(uniform.mean == doctest::Approx(0.5).epsilon(0.01));
-  CHECK(uniform.square == doctest::Approx(1.0 / 3).epsilon(0.01));
-  CHECK(exponential.mean == doctest::Approx(1).epsilon(0.01));
-  CHECK(exponential.square == doctest::Approx(2).epsilon(0.03));
+  CHECK(uniform.mean == doctest::Approx(0.5).epsilon(0.01).scale(0));
+  CHECK(uniform.square == doctest::Approx(1.0 / 3).epsilon(0.01).scale(0));
+  CHECK(exponential.mean == doctest::Approx(1).epsilon(0.01).scale(0));
+  CHECK(exponential.square == doctest::Approx(2).epsilon(0.03).scale(0));
   CHECK(std::abs(gaussian.mean) < 0.01);
-  CHECK(gaussian.square == doctest::Approx(1).epsilon(0.01));
-  CHECK(within_sigma == doctest::Approx(0.6827).epsilon(0.01));
+  CHECK(gaussian.square == doctest::Approx(1).epsilon(0.01).scale(0));
+  CHECK(within_sigma == doctest::Approx(0.6827).epsilon(0.01).scale(0));
 }

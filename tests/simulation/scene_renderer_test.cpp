@@ -119,7 +119,7 @@ TEST_CASE("motion is the fastest point's") {
   marker.T_camera_marker = trajectory::linear(facing_pose({0, 0, 1}), {0.5, 0, 0});
   CHECK(motion(marker) == doctest::Approx(1));  // 5 mm at 1 m
   marker.T_camera_marker = trajectory::spin(facing_pose({0, 0, 1}), {0, 0, 1}, 2);
-  CHECK(motion(marker) == doctest::Approx(0.02 * 30 * std::sqrt(2.0)).epsilon(0.01));  // the corners
+  CHECK(motion(marker) == doctest::Approx(0.02 * 30 * std::sqrt(2.0)).epsilon(0.01).scale(0));  // the corners
 }
 
 namespace {

@@ -142,6 +142,48 @@ TEST_CASE("between and after events, the pose goes on with its velocity and its 
   CHECK(tracker.estimate().T_camera_marker.matrix() == now.T_camera_marker.matrix());  // estimating changes nothing
 }
 
+TEST_CASE("a known latency is made up for: late events give the poses of their times") {
+  const Trajectory motion = simulated::near_motion(47);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.6, 47));
+  auto late = events;
+  for (Event& event : late) event.t += 3000;
+  const Eigen::Isometry3d start = detected(motion(0));
+  const auto mean_mm = [&](const std::vector<Event>& given, double latency_s) {
+    const AccuracyMeter meter = accuracy_of(code_tracker(start, {.update = {.latency_s = latency_s}}), given, motion);
+    REQUIRE(meter.poses() > 1000);
+    return meter.translation_mm().mean;
+  };
+  const double punctual_mm = mean_mm(events, 0), late_mm = mean_mm(late, 0), made_up_mm = mean_mm(late, 3e-3);
+  CAPTURE(punctual_mm);
+  CAPTURE(late_mm);
+  CAPTURE(made_up_mm);
+  CHECK(late_mm > 4 * punctual_mm);
+  CHECK(made_up_mm < 2.2 * punctual_mm);  // it moves the pose on by a velocity that is not quite known
+}
+
+TEST_CASE("slow pixels: the delay that shows in their events is made up for, and the covariance has what is left") {
+  const Trajectory motion = simulated::near_motion(47);
+  const auto events = simulated::filtered(
+      simulated::record({simulated::camera,
+                         {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+                         SimulatorSettings{.duration_s = 1.5, .seed = 47, .pixel_time_constant_us = 1000}}));
+  MarkerTracker<KalmanUpdate> tracker = code_tracker(detected(motion(0)));
+  double lag = 0, speed2 = 0, nees = 0, poses = 0;
+  for (const Event& event : events) {
+    const auto pose = tracker.push(event);
+    if (!pose || pose->t < 300000) continue;  // until then it has hardly seen fast edges
+    const Vector6d error = pose_difference(pose->T_camera_marker, motion(static_cast<double>(pose->t) * 1e-6));
+    lag += error.head<3>().dot(pose->twist->head<3>());
+    speed2 += pose->twist->head<3>().squaredNorm();
+    nees += error.dot(pose->covariance->ldlt().solve(error)) / 6;
+    ++poses;
+  }
+  REQUIRE(poses > 1000);
+  CAPTURE(nees / poses);
+  CHECK(lag / speed2 < 0.45e-3);  // it is 0.9 ms where nothing is made up for
+  CHECK(nees / poses < 1.5);
+}
+
 TEST_CASE("a copy goes on independently and alike") {
   const Trajectory motion = simulated::near_motion(44);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.1, 44));
@@ -410,7 +452,7 @@ TEST_CASE("a marker that turns away is lost before its edges cannot be told apar
     CHECK(last.quality.loss_reason == LossReason::turned_away);
     const Eigen::Isometry3d T = motion(1e-6 * static_cast<double>(last.t));
     const double tilt_deg = std::acos(-T.linear().col(2).dot(T.translation().normalized())) * 180 / std::numbers::pi;
-    CHECK(tilt_deg == doctest::Approx(80).epsilon(0.02));
+    CHECK(tilt_deg == doctest::Approx(80).epsilon(0.02).scale(0));
     CHECK(farthest_mm < 5);
   }
 }

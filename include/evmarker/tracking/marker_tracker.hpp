@@ -14,6 +14,7 @@
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/search/start_pose_search.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
@@ -320,6 +321,8 @@ class MarkerTracker {
       pose.covariance = rule.covariance();
       pose.twist = rule.twist();
     }
+    if constexpr (requires { rule.delay_s(); })
+      if (const double delay_s = rule.delay_s(); delay_s > 0) perturb(pose.T_camera_marker, delay_s * *pose.twist);
     if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
     if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
     pose.quality.state = state();

@@ -23,6 +23,9 @@ struct KalmanSettings {
   /// VelocityMemory.
   double velocity_memory_s = 0.05, confirmed_velocity_memory_s = 1;
   double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]
+  /// Known delay of the camera's events [s], beside the response time that they show, see ResponseTime. Reported poses are
+  /// moved forward by both, to be those at their time `t`.
+  double latency_s = 0;
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.
   double latency_sigma_s = 1e-4;
@@ -51,6 +54,7 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.velocity_memory_s, "velocity_memory_s");
   require.positive(settings.confirmed_velocity_memory_s, "confirmed_velocity_memory_s");
   require.positive(settings.offset_drift_px, "offset_drift_px");
+  require.not_negative(settings.latency_s, "latency_s");
   require.positive(settings.latency_sigma_s, "latency_sigma_s");
   require.positive(settings.covariance_scale, "covariance_scale");
   require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");

@@ -221,6 +221,8 @@ class KalmanUpdate {
     return P;
   }
   Vector6d twist() const noexcept { return twist_; }
+  /// By how much events are late, as far as it is known [s]: a pose that they show is that of so much earlier.
+  double delay_s() const noexcept { return settings_.latency_s + response_time_.delay_s(); }
   /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
     return residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
@@ -305,7 +307,7 @@ class KalmanUpdate {
     edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double px_per_s = dot(by_translation, twist_.t) + dot(by_rotation, twist_.r);
-    response_time_.add(row[kResidual], px_per_s);
+    if (signal_weight_ == 1) response_time_.add(row[kResidual], px_per_s);  // noise at rest spreads anywhere
     velocity_memory_.add_speed(px_per_s);
   }
 
@@ -325,7 +327,7 @@ class KalmanUpdate {
   double delay_variance_s2() const noexcept {
     const double px_per_s = std::sqrt(scales_.gradient2) * speed(rotation_speed());
     const double trail_s2 = px_per_s > 0 ? trail_variance_px2() / (px_per_s * px_per_s) : 0;
-    return squared(settings_.latency_sigma_s) + response_time_.variance_s2() + trail_s2;
+    return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + trail_s2;
   }
 
   // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the

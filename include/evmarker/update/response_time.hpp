@@ -9,8 +9,8 @@ namespace evmarker {
 /// Estimates by how much the events of a moving edge are late. A pixel follows the light like a low-pass of first
 /// order, whose time constant grows in the dark: its response has the standard deviation T and is late by T. So events
 /// lie behind an edge of speed v by T v, which motion alone cannot tell from another pose, and spread by T v more,
-/// which shows: their variance grows by T^2 v^2. Here it is regressed on 1, v and v^2 (noise of slow edges takes the
-/// linear term), by least squares that fade.
+/// which shows: their variance grows by T^2 v^2. Here it is regressed on 1, 1 / (v + v0) and v^2, by least squares that
+/// fade: at an edge of speed v the share of the noise, which lies anywhere, is v0 / (v + v0).
 class ResponseTime {
  public:
   /// Adds an event. It need not be every one; a sample whose events do not follow each other at once errs more
@@ -18,48 +18,62 @@ class ResponseTime {
   /// @param residual_px of the event from its edge
   /// @param px_per_s speed of the edge along its normal
   void add(double residual_px, double px_per_s) noexcept {
-    const double v = 1e-3 * std::abs(px_per_s), r2 = residual_px * residual_px;
+    const double v = 1e-3 * std::abs(px_per_s), u = 1 / (v + kNoise_px_ms), v2 = v * v, r2 = residual_px * residual_px;
     // A bounded function of the residual in place of its square, so that noise far from the edge counts little.
     const double by = 1 / (1 + r2), spread = r2 * by;
     sums_[0] += 1;
-    sums_[1] += v;
-    sums_[2] += v * v;
-    sums_[3] += v * v * v;
-    sums_[4] += v * v * v * v;
-    sums_[5] += spread;
-    sums_[6] += spread * v;
-    sums_[7] += spread * v * v;
-    sums_[8] += spread * spread;
-    sums_[9] += (1 - 3 * r2) * by * by * by;  // half its second derivative: how it grows with the variance
+    sums_[1] += u;
+    sums_[2] += u * u;
+    sums_[3] += v2;
+    sums_[4] += v2 * u;
+    sums_[5] += v2 * v2;
+    sums_[6] += spread;
+    sums_[7] += spread * u;
+    sums_[8] += spread * v2;
+    sums_[9] += spread * spread;
+    sums_[10] += (1 - 3 * r2) * by * by * by;  // half its second derivative: how it grows with the variance
   }
 
   /// Evaluates what has been added, and lets it fade.
   void evaluate() noexcept {
-    const auto& [n, v, v2, v3, v4, y, yv, yv2, yy, growth] = sums_;
-    if (!std::isfinite(v4 * yv2)) sums_ = {};
+    const auto& [n, u, uu, q, qu, qq, y, yu, yq, yy, growth] = sums_;  // q = v^2
+    if (!std::isfinite(qq * yq)) sums_ = {};
     if (!(n > 0 && growth > 0)) return;
     const double by = n / growth;  // from the slope of `spread` to that of the variance
-    // The normal equations, without the mean and then without v.
-    const double S11 = v2 - v * v / n, S12 = v3 - v * v2 / n, S22 = v4 - v2 * v2 / n;
-    const double S1y = yv - v * y / n, S2y = yv2 - v2 * y / n, variance = (yy - y * y / n) / n;
-    const double linear = S11 > 0 ? S12 / S11 : 0;
-    const double S22_rest = S22 - linear * S12, S2y_rest = S2y - linear * S1y;
-    // The slope by S2y_rest / S22_rest, with an assumption about it that counts as much as its deviation says.
-    const double assumed = variance * by * by / (kUsual_ms2 * kUsual_ms2);
-    const double variance_ms2 = by * S2y_rest / (std::max(0.0, S22_rest) + assumed);
-    if (std::isfinite(variance_ms2)) variance_s2_ = 1e-6 * std::max(0.0, variance_ms2);
+    // The normal equations, without the mean and then without u.
+    const double Suu = uu - u * u / n, Squ = qu - q * u / n, Sqq = qq - q * q / n;
+    const double Syu = yu - y * u / n, Syq = yq - y * q / n, variance = (yy - y * y / n) / n;
+    const double noise = Suu > 0 ? Squ / Suu : 0;
+    const double Sqq_rest = std::max(0.0, Sqq - noise * Squ), Syq_rest = Syq - noise * Syu;
+    // The slope by Syq_rest / Sqq_rest, with an assumption about it that counts as much as its deviation says.
+    const double of_events = variance * by * by, assumed = of_events / (kUsual_ms2 * kUsual_ms2);
+    const double T2 = std::max(0.0, by * Syq_rest / (Sqq_rest + assumed)),
+                 sigma = std::sqrt(of_events / (Sqq_rest + assumed));
+    if (std::isfinite(T2 + sigma)) {
+      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTime_ms * kDeadTime_ms);
+      delay_s_ = 1e-3 * std::sqrt(late2);
+      // Of what is beyond it, nobody knows how much is a delay; nor is it known better than to a half: a pixel's dead
+      // time spreads its events, too.
+      delay_variance_s2_ = square(1e-3 * std::sqrt(T2) - delay_s_) + square(0.5 * delay_s_);
+    }
     for (double& sum : sums_) sum *= kKept;
   }
 
-  /// T squared [s^2]; 0 where the events show none, and drawn toward it until enough motion has been seen.
-  double variance_s2() const noexcept { return variance_s2_; }
+  /// By how much events are late at least [s], from what is significant of T and not a usual dead time; 0 where the
+  /// events show none.
+  double delay_s() const noexcept { return delay_s_; }
+  /// Variance of the true delay about it [s^2].
+  double delay_variance_s2() const noexcept { return delay_variance_s2_; }
 
  private:
-  static constexpr double kKept = 0.97;      // of the sums, from one evaluation to the next
-  static constexpr double kUsual_ms2 = 0.1;  // standard deviation of T^2 where nothing is known [ms^2]
+  static constexpr double kKept = 0.97;         // of the sums, from one evaluation to the next
+  static constexpr double kUsual_ms2 = 0.1;     // standard deviation of T^2 where nothing is known [ms^2]
+  static constexpr double kNoise_px_ms = 0.03;  // speed of an edge that makes as many events as 20 Hz/px of noise
+  static constexpr double kDeadTime_ms = 0.2;   // spread that some events of 0.05 ms dead time each make, without delay
+  static constexpr double square(double x) noexcept { return x * x; }
 
-  std::array<double, 10> sums_{};  // of n, v, v^2, v^3, v^4 [px/ms], spread, spread v, spread v^2, spread^2, growth
-  double variance_s2_ = 0;
+  std::array<double, 11> sums_{};  // of n, u, u^2, v^2 [px^2/ms^2], v^2 u, v^4, spread, its products, and its growth
+  double delay_s_ = 0, delay_variance_s2_ = 0;
 };
 
 }  // namespace evmarker
