@@ -64,7 +64,7 @@ TEST_CASE("edge scatter: the covariance is that of poses fitted to edges that er
   CHECK(std::sqrt(scatter.variance_px2()) == doctest::Approx(std::hypot(kSigma_px, 0.01)).epsilon(0.1).scale(0));
   const Matrix6d ratio = scatter.covariance() * truth.inverse();
   CHECK(ratio.trace() / 6 == doctest::Approx(1.04).epsilon(0.2).scale(0));
-  CHECK(scatter.dark_sides_known() == doctest::Approx(1));
+  CHECK(scatter.share_of_known_dark_sides() == doctest::Approx(1));
 }
 
 TEST_CASE("edge scatter: errors of single events average out, those of edges do not") {

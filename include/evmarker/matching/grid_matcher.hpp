@@ -98,13 +98,13 @@ class GridMatcher {
     Choice choice;
     if (try_choose(lines, choice)) [[likely]]
       return choice;
-    return choose_carefully(sight, lines);
+    return choose_near_ends(sight, lines);
   }
 
   /// What `choose_many` finds for each event: the number of its `stretch`, or one of the negative codes. Ambiguous
   /// events are kUnsure.
   struct Choices {
-    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_carefully` decides
+    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_near_ends` decides
     static constexpr std::size_t kMost = NearestLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
@@ -179,13 +179,13 @@ class GridMatcher {
     if (stretch >= 0) [[likely]]
       return {MatchResult::matched, &this->stretch(stretch)};
     if (stretch != Choices::kUnsure) return {stretch == Choices::kNear ? MatchResult::near : MatchResult::far};
-    return choose_carefully(m);
+    return choose_near_ends(m);
   }
 
   /// Decides about an event for which `choose_many` has found kUnsure.
-  Choice choose_carefully(Vec2 m) const noexcept {
+  Choice choose_near_ends(Vec2 m) const noexcept {
     const Sight sight = edge_choice_grid_.sight(m);
-    return choose_carefully(sight, edge_choice_grid_.nearest_lines(sight));
+    return choose_near_ends(sight, edge_choice_grid_.nearest_lines(sight));
   }
 
   /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose. `near` only if the edge points at
@@ -253,7 +253,7 @@ class GridMatcher {
   }
 
   // All other events: near two edges, an end of one, or none.
-  [[gnu::noinline]] Choice choose_carefully(const Sight& sight, const Lines& lines) const noexcept {
+  [[gnu::noinline]] Choice choose_near_ends(const Sight& sight, const Lines& lines) const noexcept {
     const std::size_t first = lines.squared[1] < lines.squared[0], second = 1 - first;
     if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
     const EdgeAtFoot place = edge_at_foot(ProjectedGrid::line(lines, first));
@@ -316,12 +316,13 @@ class GridMatcher {
   // its two nearest lines.
   bool update_bounds() noexcept {
     const double rate = projected_.bound_rate(near_reach_);
-    if (rate == rate_) return fits_;
+    if (rate == rate_) return grid_suffices_;
     rate_ = rate;
     fringe_ = rate_ * near_reach_;
     end_margin_cells_ = rate_ * end_margin_ + 1e-9;  // so that rounding cannot miss an end
-    fits_ = rate_ > 0 && fringe_ < ProjectedGrid::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
-    return fits_;
+    grid_suffices_ =
+        rate_ > 0 && fringe_ < ProjectedGrid::kMaxFringe && rate_ * match_reach_ < 0.5 && end_margin_cells_ < 0.5;
+    return grid_suffices_;
   }
 
   SegmentMatcher segments_;
@@ -338,8 +339,8 @@ class GridMatcher {
   bool on_grid_ = false;
   ProjectedGrid::Corners edge_choice_corners_;
   unsigned edge_choices_ = 0;
-  double rate_ = 0;              // that the following were computed for
-  bool fits_ = false;            // see update_bounds()
+  double rate_ = 0;              // of the grid, that the following were computed for [cells per unit of X/Z]
+  bool grid_suffices_ = false;   // see update_bounds()
   double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]
   double end_margin_cells_ = 0;  // upper bound of end_margin_ at this pose [cells]
 };

@@ -61,7 +61,7 @@ class EdgeFollower {
   EdgeFollower(MarkerModel model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                const Settings& settings)
       : events_per_update_(settings.events_per_update == kAutomatic ? kMostEvents : settings.events_per_update),
-        automatic_(settings.events_per_update == kAutomatic),
+        adapts_events_per_update_(settings.events_per_update == kAutomatic),
         matcher_(std::move(model), focal_length, settings.matching),
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
@@ -90,7 +90,7 @@ class EdgeFollower {
   // saves a quarter of the time.
   [[gnu::always_inline]] Result push(Vec2 m, Timestamp t, double polarity = 0) noexcept {
     if (!matcher_.grid().on_grid()) [[unlikely]]
-      return push_off_grid(m, t, polarity);
+      return push_by_segments_or_board(m, t, polarity);
     return collect(m, t, polarity, matcher_.grid(), matcher_.grid().choose(m));
   }
 
@@ -107,7 +107,7 @@ class EdgeFollower {
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
     if (!matcher_.grid().on_grid()) return push_to_board(events, first, after);
-    const std::size_t end = std::min(events.count(), first + looked_up_at_once());
+    const std::size_t end = std::min(events.count(), first + batch_size());
     GridMatcher::Choices choices;
     const unsigned chosen = matcher_.grid().edge_choices();
     matcher_.grid().choose_many(events, first, end - first, choices);
@@ -173,7 +173,7 @@ class EdgeFollower {
   /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most 1:
   /// an event farther away is noise or another edge's. For a rule without a motion model, whose pose lags, at most the
   /// squared matching distance.
-  double misfit_px2(Vec2 m, double polarity) const noexcept {
+  double squared_residual_px2(Vec2 m, double polarity) const noexcept {
     const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px(), most_px2 = most_px * most_px;
     Correspondence c;
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
@@ -202,7 +202,7 @@ class EdgeFollower {
   // Sets what depends on the projected length of the edges. Called where nothing has been collected.
   void adapt_to_distance() noexcept {
     const double length_px = this->length_px();
-    if (automatic_) {
+    if (adapts_events_per_update_) {
       const double events =
           std::clamp(kMotion_px * std::max(events_per_passage_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
       // Not for every small change of the distance.
@@ -248,7 +248,7 @@ class EdgeFollower {
 
   // For how many events to choose edges in one batch: as many as may still be matched until edges are chosen anew, a
   // quarter more for those that match none, in whole lanes. Choices for later ones would be outdated before use.
-  std::size_t looked_up_at_once() const noexcept {
+  std::size_t batch_size() const noexcept {
     const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
@@ -276,7 +276,7 @@ class EdgeFollower {
   // `push` of a group, on a board.
   template <typename After>
   [[gnu::noinline]] std::size_t push_to_board(const EventGroup& events, std::size_t first, const After& after) {
-    const std::size_t end = std::min(events.count(), first + looked_up_at_once());
+    const std::size_t end = std::min(events.count(), first + batch_size());
     BoardMatcher::Choices choices;
     const unsigned chosen = matcher_.edge_choices();
     matcher_.board()->choose_many(events, first, end - first, choices);
@@ -294,7 +294,7 @@ class EdgeFollower {
     if (const BoardMatcher::Marker* const marker = choices.marker[i])
       return collect(m, t, polarity, *marker, marker->matcher.choice(choices.stretch[i], m));
     if (choices.stretch[i] == GridMatcher::Choices::kFar) return {MatchResult::far};
-    return push_off_grid(m, t, polarity);
+    return push_by_segments_or_board(m, t, polarity);
   }
 
   [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Marker& marker,
@@ -314,9 +314,9 @@ class EdgeFollower {
     }
     if (adds_in_batches_) {
       ++offered_;
-      waiting_.set(waiting_.count++, m, t, polarity, number, first_segment, *choice.edge);
+      matches_.set(matches_.count++, m, t, polarity, number, first_segment, *choice.edge);
       const bool enough = ++matched_ == events_per_update_;
-      if (waiting_.count == simd::kLanes) add_waiting();
+      if (matches_.count == simd::kLanes) add_matches();
       return {choice.result, enough && update(t), first_segment + choice.edge->segment};
     }
     Correspondence correspondence;
@@ -341,7 +341,7 @@ class EdgeFollower {
     return {match, enough && update(t), correspondence.segment};
   }
 
-  [[gnu::noinline]] Result push_off_grid(Vec2 m, Timestamp t, double polarity) noexcept {
+  [[gnu::noinline]] Result push_by_segments_or_board(Vec2 m, Timestamp t, double polarity) noexcept {
     if (const BoardMatcher* const board = matcher_.board()) {
       const auto [sure, marker] = board->marker_at(m);
       if (sure && marker == nullptr) return {MatchResult::far};
@@ -351,25 +351,25 @@ class EdgeFollower {
     return collect(matcher_.match(m, correspondence), correspondence, t, polarity);
   }
 
-  [[gnu::noinline]] void add_waiting() noexcept {
+  [[gnu::noinline]] void add_matches() noexcept {
     if constexpr (BatchUpdateRule<Rule>) {
       simd::in_wide_vectors([&]() __attribute__((always_inline)) {
         Correspondences c;
         const auto grid_of = [&](std::size_t number) -> const ProjectedGrid& { return matcher_.projected(number); };
-        correspond(waiting_, grid_of, matcher_.focal_length(), c);
+        correspond(matches_, grid_of, matcher_.focal_length(), c);
         rule_.add(c, T_camera_marker_);
         alignas(64) simd::Lanes squared_px;
         for (std::size_t i = 0; i < simd::kLanes; ++i)
           squared_px[i] = c.is_event[i] * c.distance_px[i] * c.distance_px[i];
         squared_px_ += simd::sum(squared_px);
       });
-      waiting_.count = 0;
+      matches_.count = 0;
     }
   }
 
   // Not inlined, which would take registers from every event: 5 to 10 % faster at n = 100, 3 % slower at n = 1.
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
-    if (waiting_.count > 0) add_waiting();
+    if (matches_.count > 0) add_matches();
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     if constexpr (NoiseAwareRule<Rule>)
       if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.set_signal_weight(background_.signal());
@@ -387,11 +387,11 @@ class EdgeFollower {
   void start_collecting() noexcept {
     matched_ = offered_ = 0;
     squared_px_ = 0;
-    waiting_.count = 0;
+    matches_.count = 0;
   }
 
   int events_per_update_;
-  bool automatic_;
+  bool adapts_events_per_update_;
   double events_per_passage_ = 0;  // 0: not known
   ModelMatcher matcher_;
   Rule rule_;
@@ -399,7 +399,7 @@ class EdgeFollower {
   bool in_front_ = true;
   int matched_ = 0, offered_ = 0, skipped_updates_ = 0;
   double squared_px_ = 0;
-  GridMatches waiting_;
+  GridMatches matches_;
   UpdateStatistics last_update_;
   BackgroundShare background_;
   bool may_rest_ = false;

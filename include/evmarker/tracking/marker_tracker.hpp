@@ -165,10 +165,10 @@ class MarkerTracker {
 
   /// Keeps the state `converging` while the caller has another pose that may be the right one.
   void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
-  /// See EdgeFollower::misfit_px2.
-  double misfit_px2(const Event& event) const noexcept {
+  /// See EdgeFollower::squared_residual_px2.
+  double squared_residual_px2(const Event& event) const noexcept {
     return lines_of_sight_.sensor_size().contains(event.x, event.y)
-               ? follower_.misfit_px2(lines_of_sight_(event), polarity(event))
+               ? follower_.squared_residual_px2(lines_of_sight_(event), polarity(event))
                : 0;
   }
 

@@ -92,7 +92,7 @@ class PlanarHypotheses {
 
   // Not inlined: it is needed for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
-    comparison_.add(tracker_.misfit_px2(event), rival_->misfit_px2(event));
+    comparison_.add(tracker_.squared_residual_px2(event), rival_->squared_residual_px2(event));
     rival_->push_checked(event);
     const PoseEstimate* const pose = tracker_.push_checked(event);
     // Before the pose is handed on: a loss is not reported if the other pose goes on.

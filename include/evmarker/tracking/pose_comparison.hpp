@@ -9,11 +9,11 @@ namespace evmarker {
 class PoseComparison {
  public:
   /// Adds one event.
-  /// @param misfit_px2,other_px2 its squared distances to the edges of the first and of the second pose; an event with
-  /// equal distances does not count
-  void add(double misfit_px2, double other_px2) noexcept {
-    if (misfit_px2 == other_px2) return;
-    group_ += other_px2 - misfit_px2;
+  /// @param squared_residual_px2,other_px2 its squared distances to the edges of the first and of the second pose; an
+  /// event with equal distances does not count
+  void add(double squared_residual_px2, double other_px2) noexcept {
+    if (squared_residual_px2 == other_px2) return;
+    group_ += other_px2 - squared_residual_px2;
     if (++events_ % kTogether != 0) return;
     sum_ += group_;
     variance_ += group_ * group_;

@@ -37,11 +37,11 @@ class EdgeScatter {
   void evaluate() noexcept {
     double squares = 0, weight = 0, weight2 = 0;
     for (const simd::Pair& edge : edges_) {
-      const double of_edge = edge[1];
-      if (!(of_edge > 0)) continue;
-      squares += edge[0] * edge[0] / of_edge;
-      weight += of_edge;
-      weight2 += of_edge * of_edge;
+      const double edge_weight = edge[1];
+      if (!(edge_weight > 0)) continue;
+      squares += edge[0] * edge[0] / edge_weight;
+      weight += edge_weight;
+      weight2 += edge_weight * edge_weight;
     }
     if (weight > 0 && rows_weight_ > 0) {
       const double variance = squares / weight;
@@ -59,12 +59,13 @@ class EdgeScatter {
   /// Mean squared error of an edge, along its normal [px^2].
   double variance_px2() const noexcept { return variance_px2_; }
   /// Share of the events of which it is known on which side their edge is dark.
-  double dark_sides_known() const noexcept { return dark_sides_known_; }
+  double share_of_known_dark_sides() const noexcept { return share_of_known_dark_sides_; }
 
  private:
   static constexpr std::size_t kEdges = 64;
-  static constexpr double kShare = 0.25;    // of an evaluation in the running mean of the variance
-  static constexpr double kNothing = 1e-6;  // information of an offset that no event tells, beside 1 of one that all do
+  static constexpr double kShare = 0.25;  // of an evaluation in the running mean of the variance
+  static constexpr double kNoInformation =
+      1e-6;  // information of an offset that no event tells, beside 1 of one that all do
 
   // k edges whose errors have variance v: the pose errs as if it had been found by k measurements of variance v.
   void spread_to_pose(double variance_over_edges) noexcept {
@@ -74,18 +75,18 @@ class EdgeScatter {
       for (std::size_t i = 0; i <= k; ++i)
         information(static_cast<int>(k), static_cast<int>(i)) = information(static_cast<int>(i), static_cast<int>(k)) =
             rows_[k][i] / rows_weight_;
-    dark_sides_known_ = information(kStates - 1, kStates - 1);
-    information(kStates - 1, kStates - 1) += kNothing;
-    const Eigen::LLT<Matrix> root(information);
-    const Matrix inverse = root.solve(Matrix::Identity());
-    if (root.info() == Eigen::Success && inverse.allFinite())
+    share_of_known_dark_sides_ = information(kStates - 1, kStates - 1);
+    information(kStates - 1, kStates - 1) += kNoInformation;
+    const Eigen::LLT<Matrix> llt(information);
+    const Matrix inverse = llt.solve(Matrix::Identity());
+    if (llt.info() == Eigen::Success && inverse.allFinite())
       covariance_ = variance_over_edges * inverse.topLeftCorner<6, 6>();
   }
 
   std::array<simd::Pair, kEdges> edges_{};  // of each, the sums of weight residual and of weight
   std::array<Row, kStates> rows_{};         // sum of weight row row^T, lower triangle
   double rows_weight_ = 0;
-  double variance_px2_ = 0, dark_sides_known_ = 0;
+  double variance_px2_ = 0, share_of_known_dark_sides_ = 0;
   bool known_ = false;
   Matrix6d covariance_ = Matrix6d::Zero();
 };

@@ -73,7 +73,7 @@ class KalmanUpdate {
     const Vec3 T = translation(T_camera_marker);
     const double t_us = t_us_;
     alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
-    alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, product;
+    alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check;
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const Measurement of_event =
@@ -82,13 +82,13 @@ class KalmanUpdate {
       residual2[i] = c.is_event[i] * of_event.residual2;
       lever2[i] = c.is_event[i] * of_event.lever2;
       gradient2[i] = c.is_event[i] * of_event.gradient2;
-      product[i] = residual2[i] * (lever2[i] * gradient2[i]);
+      finite_check[i] = residual2[i] * (lever2[i] * gradient2[i]);
       weights[i] = c.is_event[i] * of_event.weight;
       since[i] = c.is_event[i] * (since_update_us > 0 ? since_update_us : 0);
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
-    if (!(simd::sum(product) < kInfinity)) return;
+    if (!(simd::sum(finite_check) < kInfinity)) return;  // it would never leave the running means
     measurements_.add(rows, weights, c.count);
     for (std::size_t i = 0; i < c.count; ++i) edges_.add(c.segment[i], rows[kResidual][i], weights[i]);
     MeasurementRow sampled;
@@ -103,8 +103,8 @@ class KalmanUpdate {
   /// The measurements are applied at the mean time of their events; from there, the pose is moved on to the time t of
   /// the last event.
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_weight_ ==
-        0) {  // at rest: t_us_ stays, so that the first update after it predicts over the whole standstill
+    // At rest t_us_ stays, so that the first update after it predicts over the whole standstill.
+    if (signal_weight_ == 0) {
       forget_events();
       return true;
     }
@@ -210,11 +210,11 @@ class KalmanUpdate {
     // An unknown delay of variance delay_s2 shifts the pose along its twist.
     const double delay_s2 = delay_variance_s2();
     const std::array<double, 6> twist = twist_.array(), delayed = (delay_s2 * twist_).array();
-    const Matrix6d& by_edges = edges_.covariance();
+    const Matrix6d& edge_covariance = edges_.covariance();
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) {
         double& element = P.data()[6 * k + i];
-        element = settings_.covariance_scale * element + by_edges.data()[6 * k + i] + twist[k] * delayed[i];
+        element = settings_.covariance_scale * element + edge_covariance.data()[6 * k + i] + twist[k] * delayed[i];
       }
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
@@ -243,7 +243,7 @@ class KalmanUpdate {
   static constexpr double kTrailError = 0.25;         // relative, of the trail that the edge's width tells
   static constexpr double kSmallestLever2 = 1e-8;     // [m^2]
   // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
-  // fifth is enough to tell the trail by edges that move along themselves.
+  // fifth is enough to estimate the trail from edges that move along their own direction.
   static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
@@ -335,7 +335,8 @@ class KalmanUpdate {
   double trail_variance_px2() const noexcept {
     if (!(events_per_px_ > 0)) return 0;  // before it is measured, the filter's own covariance has it
     const double expected_px = expected_trail_px(edge_width_px(), events_per_passage_);
-    return squared(kTrailError * expected_px) + squared(edges_.dark_sides_known() * bias_px_[kTrail] - expected_px);
+    return squared(kTrailError * expected_px) +
+           squared(edges_.share_of_known_dark_sides() * bias_px_[kTrail] - expected_px);
   }
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
@@ -504,8 +505,8 @@ class KalmanUpdate {
   unsigned sampled_ = 0;  // events added one by one
   double moved_px_ = 0;   // by the edges, since the residuals were evaluated
   double lead_s_ = 0;     // from the filter's state, which is at the mean time of its last events, to the pose
-  double t_us_ =
-      kInfinity;  // time of the pose [us], exact to 2^53; infinite before the first update: us_since_update() is 0
+  // Time of the pose [us], exact to 2^53. Infinite before the first update, so that us_since_update() is 0.
+  double t_us_ = kInfinity;
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);
