@@ -859,6 +859,26 @@ TEST_CASE("examples: automatic settings are a word, and the default is one of th
   CHECK_MESSAGE(named.code == 0, named.err);
 }
 
+TEST_CASE("examples: a stated latency moves poses forward along their velocity") {
+  const auto table = [](const std::string& options) {
+    const Result result = run(simulated(), "track_file recording.raw" + kOptions + " --output late.csv" + options);
+    REQUIRE_MESSAGE(result.code == 0, result.err);
+    return split(simulated_file("late.csv"), '\n');
+  };
+  const auto without = table(""), with = table(" --latency-us 2000");
+  REQUIRE(without.size() > 100);
+  REQUIRE(with.size() == without.size());
+  const auto names = split(without[0], ',');
+  const auto velocity = static_cast<std::size_t>(std::ranges::find(names, "vx") - names.begin());
+  REQUIRE(velocity + 2 < names.size());
+  for (std::size_t i = 1; i < with.size(); i += 20) {
+    const auto a = split(without[i], ','), b = split(with[i], ',');
+    CHECK(a[0] == b[0]);
+    for (std::size_t k = 0; k < 3; ++k)
+      CHECK(std::abs(std::stod(b[3 + k]) - std::stod(a[3 + k]) - 2e-3 * std::stod(a[velocity + k])) < 2e-6);
+  }
+}
+
 TEST_CASE("examples: quickstart's pose agrees with the truth that it prints") {
   const TemporaryFolder folder;
   const Result result = run(folder, "quickstart");
@@ -1794,6 +1814,8 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --events-per-update often", {"--events-per-update", "often", "auto"}},
       {track + " --filter-window-us 1.5", {"--filter-window-us", "1.5", "auto"}},
       {track + " --update magic", {"--update", "magic"}},
+      {track + " --latency-us -1", {"--latency-us", "-1"}},
+      {track + " --latency-us 100 --update paper", {"--latency-us", "--update kalman"}},
       {with_camera + "c.yml", {"c.yml", "several cameras, cam0, cam1", "--camera-name cam0"}, "c.yml", kTwoCameras},
       {with_camera + "c.yml --camera-name cam2", {"c.yml", "no camera cam2"}, "c.yml", kTwoCameras},
       {with_camera + "c.txt", {"c.txt", "no sensor size", "--size"}, "c.txt", "500 500 320 240 0 0 0 0 0\n"},

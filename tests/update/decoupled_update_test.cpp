@@ -203,7 +203,8 @@ evmarker::Correspondences in_lanes(const std::vector<Correspondence>& all) {
 }
 
 // Where one update over the square's events takes a pose that was right.
-Isometry3d moved(DecoupledUpdate rule, double trail_px, bool together = false) {
+Isometry3d moved(const DecoupledUpdate& from, double trail_px, bool together = false) {
+  DecoupledUpdate rule = from;
   Isometry3d T = pose({0, 0, 0}, {0.1, -0.08, 0.6});
   const auto events = of_moving_square(trail_px);
   if (together) rule.add(in_lanes(events), T);

@@ -70,10 +70,12 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
 inline constexpr Timestamp kPushedUntilUnknown = std::numeric_limits<Timestamp>::min();
 
 /// A pose moved on to a later time by the motion model of its rule, if there is one.
+/// @param last_rule as of the last update
 /// @param pushed_until all events before this time have been pushed: until then, few of them mean little motion
 template <PoseUpdateRule Rule>
-PoseEstimate extrapolated(PoseEstimate pose, Rule rule, Timestamp t,
+PoseEstimate extrapolated(PoseEstimate pose, const Rule& last_rule, Timestamp t,
                           Timestamp pushed_until = kPushedUntilUnknown) noexcept {
+  Rule rule = last_rule;
   if constexpr (MotionBoundingRule<Rule>)
     if (pose.quality.state != TrackingState::lost)  // a lost tracker takes no events: having none says nothing
       rule.advance_by_event_count(pose.T_camera_marker, std::max(pose.t, std::min(pushed_until, t)));
