@@ -10,7 +10,6 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
-#include <ranges>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -100,7 +99,8 @@ class Viewer {
 
   template <typename Tracker, typename ModelOf>
   void take(const Tracker& tracker, const ModelOf& model_of) {
-    const auto poses = tracker.markers() | std::views::transform([](const auto& marker) { return marker.estimate(); });
+    std::vector<evmarker::PoseEstimate> poses;  // Clang 14 cannot compile libstdc++'s views::transform
+    for (const auto& marker : tracker.markers()) poses.push_back(marker.estimate());
     const bool any = !tracker.markers().empty();
     const bool moving = video_ || (window_ && !window_->closed());
     if (!moving && (!picture_file_ || (shows_marker_ && !any))) return;  // the picture is the last one of a marker

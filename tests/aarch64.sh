@@ -27,7 +27,7 @@ if [ "${1:-}" = --install ]; then
   DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends --no-remove "${packages[@]}" ||
     fail "apt-get install failed"
 fi
-[ $# -gt 0 ] || set -- base simd events matching update io live
+[ $# -gt 0 ] || set -- base simd events matching io live
 for room in "$@"; do
   ls "tests/$room"/*_test.cpp >/dev/null 2>&1 || fail "there is no room '$room' (ls tests)"
 done

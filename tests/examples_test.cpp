@@ -363,9 +363,10 @@ TEST_CASE("examples: a video has a frame for every 20 ms of the recording and th
     std::string options, file;
     int fps;
   };
-  for (const auto& [options, file, fps] : std::vector<Case>{
+  for (const auto& film : std::vector<Case>{
            {"", "film.mp4", 50}, {" --video-fps 25", "film.avi", 25}, {" --video-fps 100", "film.mkv", 100}}) {
-    CAPTURE(file);
+    CAPTURE(film.file);
+    const auto& [options, file, fps] = film;
     const Result result = run(folder, "track_file recording.raw" + kOptions + options + " --video " + file +
                                           " --overlay last.png --output with.csv");
     REQUIRE_MESSAGE(result.code == 0, result.err);
@@ -1133,8 +1134,9 @@ TEST_CASE("examples: print_board says in one line what is wrong, and leaves noth
       {grid + " --paper fit --board missing/n.yml", {"missing/n.yml", "No such file"}},
       {"print_board --ids 3,4 --marker-length 0.13 --output o.svg", {"--output o.svg", "2 pages of A4", ".pdf"}},
   };
-  for (const auto& [command, expected] : cases) {
-    CAPTURE(command);
+  for (const auto& refused : cases) {
+    CAPTURE(refused.first);
+    const auto& [command, expected] = refused;
     const TemporaryFolder folder;
     write_file(folder / "b.yml", kAprilgrid);
     const Result result = run(folder, command);
@@ -1274,8 +1276,9 @@ TEST_CASE("examples: convert gives the same events and poses in every format") {
   std::vector<std::pair<std::string, std::string>> formats{
       {"2.raw --format evt2", "EVT2"}, {"3.raw", "EVT3"}, {"a.csv", "CSV"}, {"b.bin --format csv", "CSV"}};
   if (kHdf5) formats.insert(formats.end(), {{"a.h5", "HDF5"}, {"b.hdf5 --compression none", "HDF5"}});
-  for (const auto& [arguments, format] : formats) {
-    CAPTURE(arguments);
+  for (const auto& written : formats) {
+    CAPTURE(written.first);
+    const auto& [arguments, format] = written;
     const std::string name = arguments.substr(0, arguments.find(' '));
     const Result result = run(folder, "convert recording.raw " + arguments);
     REQUIRE_MESSAGE(result.code == 0, result.err);
@@ -1293,11 +1296,12 @@ TEST_CASE("examples: convert gives the same events and poses in every format") {
 
 TEST_CASE("examples: convert keeps triggers where the format holds them, and says what is lost") {
   const TemporaryFolder folder;
-  for (const auto& [from, input] : {std::pair(evmarker::io::RawFormat::evt3, 3), {evmarker::io::RawFormat::evt2, 20}}) {
+  for (const auto& triggers : {std::pair(evmarker::io::RawFormat::evt3, 3), {evmarker::io::RawFormat::evt2, 20}}) {
+    const auto& [from, input] = triggers;
     const Content recorded = write_raw(folder / "a.raw", from, input);
     for (const char* format : {"evt2", "evt3", "csv"}) {
       CAPTURE(format);
-      CAPTURE(input);
+      CAPTURE(triggers.second);
       const Result result = run(folder, std::string("convert a.raw b --format ") + format);
       REQUIRE_MESSAGE(result.code == 0, result.err);
       const bool held = format == std::string("evt2") || (format == std::string("evt3") && input < 16);
@@ -1355,13 +1359,13 @@ TEST_CASE("examples: convert takes a part of a recording, in time and in the ima
     const char* options;
     bool in_time, in_region, shift_time, shift_region;
   };
-  for (const auto& [options, in_time, in_region, shift_time, shift_region] :
-       {Case{"--from 0.15 --to 0.4", true, false, false, false},
-        {"--shift-time", false, false, true, false},
-        {"--from 0.15 --to 0.4 --shift-time", true, false, true, false},
-        {"--region 100,50,80,60", false, true, false, false},
-        {"--region 100,50,80,60 --shift-region --from 0.15 --to 0.4", true, true, false, true}}) {
-    CAPTURE(options);
+  for (const auto& part : {Case{"--from 0.15 --to 0.4", true, false, false, false},
+                           {"--shift-time", false, false, true, false},
+                           {"--from 0.15 --to 0.4 --shift-time", true, false, true, false},
+                           {"--region 100,50,80,60", false, true, false, false},
+                           {"--region 100,50,80,60 --shift-region --from 0.15 --to 0.4", true, true, false, true}}) {
+    CAPTURE(part.options);
+    const auto& [options, in_time, in_region, shift_time, shift_region] = part;
     const evmarker::Timestamp zero = !shift_time ? 0 : in_time ? begin : first;
     Content wanted{shift_region ? evmarker::SensorSize{80, 60} : recorded.size, {}, {}};
     for (evmarker::Event event : recorded.events) {
@@ -1960,8 +1964,9 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        "b.yml",
        kBoard},
   };
-  for (const auto& [command, expected, file, content] : cases) {
-    CAPTURE(command);
+  for (const auto& refused : cases) {
+    CAPTURE(refused.command);
+    const auto& [command, told, file, content] = refused;
     const TemporaryFolder folder;
     link_simulated(folder);
     if (!file.empty()) write_file(folder / file.c_str(), content);
@@ -2041,13 +2046,14 @@ TEST_CASE("examples: the columns and the unit of time of text can be given") {
     if (const auto cut = line.rfind(','); cut != std::string::npos)
       turned += line.substr(cut + 1) + "," + line.substr(0, cut) + "\n";
   write_file(folder / "turned.csv", turned);
-  for (const auto& [options, seconds] : {std::pair("a.csv", "0.01"),
-                                         {"a.csv --time-unit us", "0.01"},
-                                         {"a.csv --time-unit ms", "9.99"},
-                                         {"a.csv --time-unit s --columns x,y,p,t", "9990.00"},
-                                         {"turned.csv --columns t,x,y,p", "0.01"}}) {
+  for (const auto& text : {std::pair("a.csv", "0.01"),
+                           {"a.csv --time-unit us", "0.01"},
+                           {"a.csv --time-unit ms", "9.99"},
+                           {"a.csv --time-unit s --columns x,y,p,t", "9990.00"},
+                           {"turned.csv --columns t,x,y,p", "0.01"}}) {
+    CAPTURE(text.first);
+    const auto& [options, seconds] = text;
     const Result result = run(folder, std::string("track_file ") + options + kOptions);
-    CAPTURE(options);
     CHECK_MESSAGE(result.code == 2, result.err);  // no marker was found
     CHECK(contains(result.out, "1000 read"));
     CHECK(contains(result.out, std::string("for ") + seconds + " s of recording"));

@@ -48,12 +48,13 @@ TEST_CASE("Aedat2Reader: a DAVIS, byte by byte") {
 
 TEST_CASE("Aedat2Reader: the sizes of chips") {
   const TemporaryFolder folder;
-  for (const auto& [chip, size] :
+  for (const auto& expected :
        {std::pair{"eu.seebetter.ini.chips.davis.DAVIS240C", SensorSize{240, 180}},
         std::pair{"DAVIS346B", SensorSize{346, 260}}, std::pair{"DavisRGBW640", SensorSize{640, 480}},
         std::pair{"DAVIS208Mono", SensorSize{208, 192}}, std::pair{"DAVIS128", SensorSize{128, 128}},
         std::pair{"DavisX", SensorSize{50, 40}}}) {
-    CAPTURE(chip);
+    CAPTURE(expected.first);
+    const auto& [chip, size] = expected;
     const auto path = write_file(folder / "a.aedat", aedat2_header(chip));
     CHECK(Aedat2Reader(path, {.sensor_size = SensorSize{50, 40}}).sensor_size() == size);
   }

@@ -141,17 +141,17 @@ TEST_CASE("EventReader: real recordings of every kind are recognised by their co
     SensorSize size;
     std::size_t events;
   };
-  for (const auto& [name, kind, size, events] :
-       {Real{"formats/sparklers_evt2.raw", RecordingKind::raw, {640, 480}, 521252},
-        Real{"flip/events.csv", RecordingKind::text, {128, 128}, 175136},
-        Real{"formats/ncars.dat", RecordingKind::dat, {64, 64}, 4407},
-        Real{"formats/translating_square.aedat", RecordingKind::aedat2, {240, 180}, 16000},
-        Real{"formats/davis_lz4.aedat4", RecordingKind::aedat4, {320, 240}, 111954},
-        Real{"formats/tags.mcap", RecordingKind::mcap, {346, 260}, 571266},
-        Real{"formats/events_1.bag", RecordingKind::rosbag, {640, 480}, 343474},
-        Real{"formats/libcaer_rollover.db3", RecordingKind::rosbag2, {640, 480}, 334331},
-        Real{"formats/plain_events.hdf5", RecordingKind::hdf5, {346, 260}, 17}}) {
-    CAPTURE(name);
+  for (const auto& real : {Real{"formats/sparklers_evt2.raw", RecordingKind::raw, {640, 480}, 521252},
+                           Real{"flip/events.csv", RecordingKind::text, {128, 128}, 175136},
+                           Real{"formats/ncars.dat", RecordingKind::dat, {64, 64}, 4407},
+                           Real{"formats/translating_square.aedat", RecordingKind::aedat2, {240, 180}, 16000},
+                           Real{"formats/davis_lz4.aedat4", RecordingKind::aedat4, {320, 240}, 111954},
+                           Real{"formats/tags.mcap", RecordingKind::mcap, {346, 260}, 571266},
+                           Real{"formats/events_1.bag", RecordingKind::rosbag, {640, 480}, 343474},
+                           Real{"formats/libcaer_rollover.db3", RecordingKind::rosbag2, {640, 480}, 334331},
+                           Real{"formats/plain_events.hdf5", RecordingKind::hdf5, {346, 260}, 17}}) {
+    CAPTURE(real.name);
+    const auto& [name, kind, size, events] = real;
     const auto path = real_recording(name);
     if (path.empty()) continue;
     const std::string error = error_of([&, kind = kind, size = size, events = events] {

@@ -72,21 +72,22 @@ TEST_CASE("RecordingWriter: tells which times and triggers the format cannot exp
     Timestamp before, t;
     bool evt2, evt3, csv;
   };
-  for (const auto& [before, t, evt2, evt3, csv] :
-       std::vector<Case>{{0, 5, true, true, true},
-                         {0, -1, false, false, false},
-                         {50, 20, true, true, true},
-                         {evt3_wrap, evt3_wrap - 1, true, false, true},
-                         {evt3_wrap + 1, evt3_wrap, true, true, true},
-                         {evt2_wrap, evt2_wrap - 1, false, false, true},
-                         {0, (evt3_wrap << 17) + evt3_wrap - 1, true, true, true},
-                         {0, (evt3_wrap << 17) + evt3_wrap, true, false, true},
-                         {0, last, false, false, true}}) {
-    CAPTURE(before);
-    CAPTURE(t);
-    for (const auto& [format, expected] :
+  for (const auto& times : std::vector<Case>{{0, 5, true, true, true},
+                                             {0, -1, false, false, false},
+                                             {50, 20, true, true, true},
+                                             {evt3_wrap, evt3_wrap - 1, true, false, true},
+                                             {evt3_wrap + 1, evt3_wrap, true, true, true},
+                                             {evt2_wrap, evt2_wrap - 1, false, false, true},
+                                             {0, (evt3_wrap << 17) + evt3_wrap - 1, true, true, true},
+                                             {0, (evt3_wrap << 17) + evt3_wrap, true, false, true},
+                                             {0, last, false, false, true}}) {
+    CAPTURE(times.before);
+    CAPTURE(times.t);
+    const auto& [before, t, evt2, evt3, csv] = times;
+    for (const auto& writable :
          {std::pair(WrittenFormat::evt2, evt2), {WrittenFormat::evt3, evt3}, {WrittenFormat::csv, csv}}) {
-      CAPTURE(to_string(format));
+      CAPTURE(to_string(writable.first));
+      const auto& [format, expected] = writable;
       const auto writer = create_recording("/dev/null", {10, 10}, format);
       const std::vector<Event> events{event_at(before), event_at(t), event_at(t)};
       CHECK(writer->count_writable(events) == (expected ? 3 : 1));

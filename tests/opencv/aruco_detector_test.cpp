@@ -227,9 +227,10 @@ TEST_CASE("a small marker seen nearly head on has two poses, a large tilted one 
 }
 
 TEST_CASE("several markers, other dictionaries, a choice of ids") {
-  for (const auto& [dictionary, a, b] : {std::tuple("DICT_4X4_50", 3, 17), std::tuple("DICT_6X6_250", 200, 4),
-                                         std::tuple("DICT_APRILTAG_36h11", 10, 586)}) {
-    CAPTURE(dictionary);
+  for (const auto& markers : {std::tuple("DICT_4X4_50", 3, 17), std::tuple("DICT_6X6_250", 200, 4),
+                              std::tuple("DICT_APRILTAG_36h11", 10, 586)}) {
+    CAPTURE(std::get<0>(markers));
+    const auto& [dictionary, a, b] = markers;
     ArucoDetector all(kCamera, {.dictionary = dictionary, .marker_length = 0.08});
     ArucoDetector only_b(kCamera, {.dictionary = dictionary, .marker_length = 0.08, .ids = {b}});
     PolarityFrame frame(kSize);
@@ -333,9 +334,10 @@ TEST_CASE("markers of several lengths are each found where they are, and fitted 
   print(frame, {}, detector.bits(7), 0.15, large);
   const auto found = detector.detect(frame);
   REQUIRE(found.size() == 2);
-  for (const auto& [id, T] : {std::pair(0, small), std::pair(7, large)}) {
+  for (const auto& expected : {std::pair(0, small), std::pair(7, large)}) {
+    CAPTURE(expected.first);
+    const auto& [id, T] = expected;
     const MarkerDetection& detection = found[id == 0 ? 0 : 1];
-    CAPTURE(id);
     CHECK(detection.id == id);
     CHECK(distance_mm(detection.T_camera_marker, T) < 3);
     CHECK(angle_deg(detection.T_camera_marker, T) < 2);

@@ -22,8 +22,9 @@ TEST_CASE("every dictionary has the size and the number of bits that its name sa
       {"DICT_APRILTAG_36h10", {6, 2320}}, {"DICT_APRILTAG_36h11", {6, 587}},
   };
   CHECK(opencv::kDictionaries.size() == 21);
-  for (const auto& [name, index] : opencv::kDictionaries) {
-    CAPTURE(name);
+  for (const auto& known : opencv::kDictionaries) {
+    CAPTURE(known.first);
+    const auto& [name, index] = known;
     const auto dictionary = opencv::make_dictionary(name);
     const auto other = others.find(std::string(name));
     // DICT_4X4_50: 4 bits, 50 markers.

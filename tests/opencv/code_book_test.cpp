@@ -46,7 +46,7 @@ TEST_CASE("a marker is read from whichever corner one begins, and its corners tu
   for (const int id : {0, 7, 586})
     for (std::size_t turn = 0; turn < 4; ++turn) {
       DarkQuad quad = kWhole;
-      std::ranges::rotate(quad.corners, quad.corners.begin() + static_cast<std::ptrdiff_t>(turn));
+      std::rotate(quad.corners.begin(), quad.corners.begin() + static_cast<std::ptrdiff_t>(turn), quad.corners.end());
       const auto reading = book.read(printed(opencv::marker_bits(dictionary, id)), quad);
       REQUIRE(reading);
       CHECK(reading->id == id);

@@ -215,7 +215,7 @@ TEST_CASE("pixels at rest leak ON events, each at a rate of its own, all togethe
   Timestamp most_uneven = 0;
   for (const auto& [place, times] : pixels) {
     if (times.size() < 3) continue;
-    const auto span = [&](std::size_t i) { return times[i + 1] - times[i]; };
+    const auto span = [&times = times](std::size_t i) { return times[i + 1] - times[i]; };
     for (std::size_t i = 1; i + 1 < times.size(); ++i) most_uneven = std::max(most_uneven, std::abs(span(i) - span(0)));
     const double log_period = std::log(static_cast<double>(span(0)));
     sum += log_period;
