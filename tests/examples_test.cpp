@@ -1966,7 +1966,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   };
   for (const auto& refused : cases) {
     CAPTURE(refused.command);
-    const auto& [command, told, file, content] = refused;
+    const auto& [command, expected, file, content] = refused;
     const TemporaryFolder folder;
     link_simulated(folder);
     if (!file.empty()) write_file(folder / file.c_str(), content);
