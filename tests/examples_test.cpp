@@ -1296,12 +1296,12 @@ TEST_CASE("examples: convert gives the same events and poses in every format") {
 
 TEST_CASE("examples: convert keeps triggers where the format holds them, and says what is lost") {
   const TemporaryFolder folder;
-  for (const auto& triggers : {std::pair(evmarker::io::RawFormat::evt3, 3), {evmarker::io::RawFormat::evt2, 20}}) {
-    const auto& [from, input] = triggers;
+  for (const auto& recording : {std::pair(evmarker::io::RawFormat::evt3, 3), {evmarker::io::RawFormat::evt2, 20}}) {
+    const auto& [from, input] = recording;
     const Content recorded = write_raw(folder / "a.raw", from, input);
     for (const char* format : {"evt2", "evt3", "csv"}) {
       CAPTURE(format);
-      CAPTURE(triggers.second);
+      CAPTURE(recording.second);
       const Result result = run(folder, std::string("convert a.raw b --format ") + format);
       REQUIRE_MESSAGE(result.code == 0, result.err);
       const bool held = format == std::string("evt2") || (format == std::string("evt3") && input < 16);
