@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/io/ecf.hpp"
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/raw_reader.hpp"
@@ -19,6 +20,7 @@
 #include "fuzz/mutation.hpp"
 #include "fuzz/plain_decoder.hpp"
 #include "fuzz/target.hpp"
+#include "io/ecf_chunks.hpp"
 
 namespace evmarker::fuzz {
 
@@ -263,6 +265,46 @@ inline void fuzz_raw(std::string_view input) {
   }
 }
 
+namespace detail {
+
+/// The chunks of Prophesee's encoder.
+inline std::vector<std::string> ecf_seeds() {
+  std::vector<std::string> seeds;
+  for (std::size_t chunk = 0; chunk < io::test::kEcfChunks; ++chunk) seeds.push_back(io::test::ecf_chunk(chunk));
+  return seeds;
+}
+
+/// A run of any kind, or a long step of time.
+inline std::string make_ecf_run(Random& random) {
+  const std::string bytes = bytes_of(random.bits());
+  switch (below(random, 3)) {
+    case 0: return bytes.substr(0, 1);
+    case 1: return bytes.substr(0, 2);
+    default: return std::string(below(random, 20), static_cast<char>(bytes[0] | '\xF0'));
+  }
+}
+
+}  // namespace detail
+
+inline void fuzz_ecf(std::string_view input) {
+  const auto chunk = detail::as_bytes(input);
+  const std::vector<Event> before{{1, 2, 1, 3}};
+  std::vector<Event> events = before;
+  try {
+    io::decode_ecf(chunk, events);
+  } catch (const std::runtime_error& error) {
+    require_that(events == before, "a chunk that is garbled adds nothing");
+    require_that(std::string_view(error.what()).starts_with("garbled: "), "the error says so");
+    return;
+  }
+  const auto header = io::load_word<std::uint32_t>(chunk.data());
+  require_that(events.size() == before.size() + (header >> 2U), "the chunk states the number of its events");
+  require_that(events[0] == before[0], "what was there stays");
+  for (const Event& event : events)
+    require_that(event.x < 2053 && event.y < 2048 && (event.p == 0 || event.p == 1), "11 bits each, and polarities");
+  arrived += events.size() - 1;
+}
+
 inline std::vector<Target> evt_targets() {
   using namespace detail;
   const std::size_t header = kDecoderHeader;
@@ -270,6 +312,7 @@ inline std::vector<Target> evt_targets() {
     return [=] { return decoder_seeds(make, time); };
   };
   return {
+      {"ecf", fuzz_ecf, ecf_seeds, {4, 1, make_ecf_run}, 600, 100'000, 50},
       {"evt2",
        [](std::string_view input) { fuzz_decoder<io::Evt2Decoder>(io::RawFormat::evt2, input); },
        seeds(make_evt2, bytes_of(0x80000001U)),

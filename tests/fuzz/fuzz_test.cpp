@@ -61,6 +61,7 @@ void run_target(const char* name) {
 TEST_CASE("fuzzed: EVT2") { run_target("evt2"); }
 TEST_CASE("fuzzed: EVT2.1") { run_target("evt21"); }
 TEST_CASE("fuzzed: EVT3") { run_target("evt3"); }
+TEST_CASE("fuzzed: chunks of ECF") { run_target("ecf"); }
 TEST_CASE("fuzzed: RAW recordings") { run_target("raw"); }
 TEST_CASE("fuzzed: DAT recordings") { run_target("dat"); }
 TEST_CASE("fuzzed: AEDAT 2 recordings") { run_target("aedat2"); }

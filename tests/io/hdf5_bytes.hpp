@@ -89,13 +89,31 @@ class Hdf5Bytes {
 
   /// Adds the events as compounds, like Prophesee.
   void add_compounds(const std::string& path, std::span<const Event> events, const Hdf5Storage& storage = {}) {
-    const hid_t type = H5Tcreate(H5T_COMPOUND, sizeof(Event));
-    H5Tinsert(type, "x", HOFFSET(Event, x), H5T_NATIVE_UINT16);
-    H5Tinsert(type, "y", HOFFSET(Event, y), H5T_NATIVE_UINT16);
-    H5Tinsert(type, "p", HOFFSET(Event, p), H5T_NATIVE_INT16);
-    H5Tinsert(type, "t", HOFFSET(Event, t), H5T_NATIVE_INT64);
+    const hid_t type = event_type();
     add(path, {events.size()}, type, type, events.data(), storage);
     H5Tclose(type);
+  }
+
+  /// Adds a dataset of events that ECF compresses, whose chunks are these bytes; nothing of a chunk that is empty.
+  void add_ecf(const std::string& path, hsize_t events, hsize_t chunk_rows, const std::vector<std::string>& chunks) {
+    const auto leave = [](unsigned, std::size_t, const unsigned*, std::size_t bytes, std::size_t*, void**) {
+      return bytes;
+    };
+    constexpr H5Z_filter_t kEcf = 0x8ECF;
+    const H5Z_class2_t ecf{H5Z_CLASS_T_VERS, kEcf, 1, 1, "ECF", nullptr, nullptr, leave};
+    H5Zregister(&ecf);  // a dataset is only made with filters that are there
+    const hid_t type = event_type();
+    add(path, {events}, type, type, nullptr, {.chunk_rows = chunk_rows, .filter = kEcf});
+    const hid_t dataset = H5Dopen2(file_, path.c_str(), H5P_DEFAULT);
+    hsize_t row = 0;
+    for (const std::string& chunk : chunks) {
+      if (!chunk.empty()) H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, &row, chunk.size(), chunk.data());
+      row += chunk_rows;
+    }
+    H5Dclose(dataset);
+    H5Tclose(type);
+    H5Fflush(file_, H5F_SCOPE_GLOBAL);
+    H5Zunregister(kEcf);
   }
 
   /// Adds triggers as compounds p, t and id, like Prophesee.
@@ -138,6 +156,15 @@ class Hdf5Bytes {
   }
 
  private:
+  static hid_t event_type() {
+    const hid_t type = H5Tcreate(H5T_COMPOUND, sizeof(Event));
+    H5Tinsert(type, "x", HOFFSET(Event, x), H5T_NATIVE_UINT16);
+    H5Tinsert(type, "y", HOFFSET(Event, y), H5T_NATIVE_UINT16);
+    H5Tinsert(type, "p", HOFFSET(Event, p), H5T_NATIVE_INT16);
+    H5Tinsert(type, "t", HOFFSET(Event, t), H5T_NATIVE_INT64);
+    return type;
+  }
+
   hid_t file_ = -1, links_ = -1;
 };
 

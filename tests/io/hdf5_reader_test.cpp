@@ -22,6 +22,7 @@ TEST_CASE("open_hdf5: a build without libhdf5 says how to have it") {
 
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/io/event_reader.hpp"
+#include "io/ecf_chunks.hpp"
 #include "io/hdf5_bytes.hpp"
 
 using namespace evmarker;
@@ -197,26 +198,67 @@ TEST_CASE("Hdf5Reader: the unit of the times, by name, kind of number or the eve
   CHECK(first_time({-0.25, 6}, H5T_IEEE_F32LE) == -250000);
 }
 
+TEST_CASE("Hdf5Reader: chunks that Prophesee's ECF compresses, without its plugin") {
+  const TemporaryFolder folder;
+  std::vector<Event> events;
+  std::vector<std::string> chunks;
+  for (std::size_t chunk = 0; chunk < 3000; ++chunk) {  // more than a batch
+    auto of_chunk = ecf_events(chunk % kEcfChunks);
+    chunks.push_back(ecf_chunk(chunk % kEcfChunks));
+    events.insert(events.end(), of_chunk.begin(), of_chunk.end());
+  }
+  constexpr std::size_t kFill = 100;  // with what is behind the last event, libhdf5 fills up its chunk
+  events.resize(events.size() - kFill);
+  Hdf5Bytes file;
+  file.add_ecf("CD/events", events.size(), 150, chunks);
+  file.add_attribute("geometry", "1280x720");
+  Hdf5Reader reader(write_hdf5(folder, file));
+  CHECK(drain(reader) == events);
+}
+
+TEST_CASE("Hdf5Reader: chunks of ECF that are missing, garbled or no events are named") {
+  const TemporaryFolder folder;
+  const auto error_with = [&](const std::vector<std::string>& chunks, hsize_t chunk_rows = 150) {
+    Hdf5Bytes file;
+    file.add_ecf("CD/events", 2 * chunk_rows, chunk_rows, chunks);
+    file.add_attribute("geometry", "1280x720");
+    return error_of([&] {
+      Hdf5Reader reader(write_hdf5(folder, file));
+      drain(reader);
+    });
+  };
+  const std::string good = ecf_chunk(0), place = "a.h5: /CD/events: ";
+  CHECK(error_with({good, good}).empty());
+  CHECK(contains(error_with({good, good.substr(0, 50)}),
+                 place + "cannot be read from event 0 on: the chunk of event 150: garbled: a field of"));
+  CHECK(contains(error_with({good}), place + "it states 300 numbers, but holds 150: cut off?"));
+  CHECK(contains(error_with({good, good}, 100), "the chunk of event 0: garbled: not all events are in it"));
+  CHECK(contains(error_with({good, good}, 70000), "its chunks have 70000 events, of which ECF has at most 65535"));
+  CHECK(
+      contains(error_with({std::string(10000, '\xF1'), good}), "the chunk of event 0: garbled: it has too many bytes"));
+}
+
 TEST_CASE("Hdf5Reader: a filter's plugin is named where it is missing") {
   const TemporaryFolder folder;
   const auto identity = [](unsigned, std::size_t, const unsigned*, std::size_t bytes, std::size_t*, void**) {
     return bytes;
   };
-  const H5Z_class2_t ecf{H5Z_CLASS_T_VERS, 0x8ECF, 1, 1, "ECF", nullptr, nullptr, identity};
-  REQUIRE(H5Zregister(&ecf) >= 0);
+  constexpr H5Z_filter_t kZstd = 32015;
+  const H5Z_class2_t zstd{H5Z_CLASS_T_VERS, kZstd, 1, 1, "ZSTD", nullptr, nullptr, identity};
+  REQUIRE(H5Zregister(&zstd) >= 0);
   const auto events = random_events({640, 480}, 5000, 4);
   {
     Hdf5Bytes file;
-    file.add_compounds("CD/events", events, {.chunk_rows = 1000, .filter = 0x8ECF});
+    file.add_compounds("CD/events", events, {.chunk_rows = 1000, .filter = kZstd});
     file.add_attribute("geometry", "640x480");
     Hdf5Reader reader(write_hdf5(folder, file));
     CHECK(drain(reader) == events);
   }
-  REQUIRE(H5Zunregister(0x8ECF) >= 0);
+  REQUIRE(H5Zunregister(kZstd) >= 0);
   const std::string error = error_of([&] { Hdf5Reader reader(folder / "a.h5"); });
   CHECK(contains(error,
-                 "a.h5: /CD/events: it is compressed by Prophesee's ECF (filter 36559), whose plugin libhdf5 does "
-                 "not find: install it ("));
+                 "a.h5: /CD/events: it is compressed by ZSTD (filter 32015), whose plugin libhdf5 does not "
+                 "find: install it ("));
 }
 
 TEST_CASE("Hdf5Reader: one clear line for what cannot be read") {

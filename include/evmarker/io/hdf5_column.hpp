@@ -15,6 +15,7 @@
 #include <string_view>
 #include <utility>
 
+#include "evmarker/io/hdf5_ecf.hpp"
 #include "evmarker/io/hdf5_handle.hpp"
 
 namespace evmarker::io {
@@ -37,6 +38,14 @@ inline std::string hdf5_text(hid_t object, const char* name) {
   return text;
 }
 
+/// A dataset that is open, with what decodes it where libhdf5 does not.
+struct Hdf5Dataset {
+  Hdf5Handle handle;
+  std::optional<Hdf5Ecf> ecf;
+
+  hid_t get() const noexcept { return handle.get(); }
+};
+
 /// Numbers of a dataset: all of them, a member of each compound, or a column of two dimensions.
 class Hdf5Column {
  public:
@@ -47,7 +56,7 @@ class Hdf5Column {
   /// @param member of its compounds; empty if it has none
   /// @param column of a dataset of two dimensions
   /// @throws std::runtime_error where the dataset has other dimensions
-  Hdf5Column(std::shared_ptr<Hdf5Handle> dataset, std::string member, std::optional<hsize_t> column)
+  Hdf5Column(std::shared_ptr<Hdf5Dataset> dataset, std::string member, std::optional<hsize_t> column)
       : dataset_(std::move(dataset)), member_(std::move(member)), column_(column) {
     std::array<hsize_t, 2> sides{};
     const Hdf5Handle space(H5Dget_space(dataset_->get()), H5Sclose);
@@ -60,16 +69,21 @@ class Hdf5Column {
 
   /// A dataset, opened so that a chunk of it stays in memory until all of its rows are read.
   /// @throws std::runtime_error naming a chunk that is too long, a filter that is missing, or data that is
-  static std::shared_ptr<Hdf5Handle> open(hid_t file, const std::string& path) {
-    auto dataset = std::make_shared<Hdf5Handle>(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
-    const Hdf5Handle creation(H5Dget_create_plist(dataset->get()), H5Pclose);
+  static std::shared_ptr<Hdf5Dataset> open(hid_t file, const std::string& path) {
+    const Hdf5Handle dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
+    const Hdf5Handle creation(H5Dget_create_plist(dataset.get()), H5Pclose);
     if (!creation) throw std::runtime_error(Hdf5Silence::last_error());
-    const std::uint64_t chunk_bytes = require_whole(*dataset, creation.get());
-    require_filters(creation.get());
+    const std::uint64_t chunk_bytes = require_whole(dataset, creation.get());
+    const bool has_ecf =
+        H5Pget_filter_by_id2(creation.get(), Hdf5Ecf::kFilter, nullptr, nullptr, nullptr, 0, nullptr, nullptr) >= 0;
+    if (!has_ecf) require_filters(creation.get());
     const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
     constexpr std::size_t kSlots = 521;
     H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(chunk_bytes), 1.0);
-    return std::make_shared<Hdf5Handle>(H5Dopen2(file, path.c_str(), access.get()), H5Dclose);
+    auto opened = std::make_shared<Hdf5Dataset>();
+    opened->handle = Hdf5Handle(H5Dopen2(file, path.c_str(), access.get()), H5Dclose);
+    if (has_ecf) opened->ecf.emplace(opened->get());
+    return opened;
   }
 
   std::uint64_t rows() const noexcept { return rows_; }
@@ -92,6 +106,7 @@ class Hdf5Column {
   template <typename T>
   requires std::same_as<T, std::int64_t> || std::same_as<T, double>
   void read(std::uint64_t first, std::span<T> to) const {
+    if (dataset_->ecf) return dataset_->ecf->read(member_, first, to);
     const hid_t number = std::same_as<T, double> ? H5T_NATIVE_DOUBLE : H5T_NATIVE_INT64;
     Hdf5Handle compound;
     if (!member_.empty()) {
@@ -137,13 +152,11 @@ class Hdf5Column {
       int id;
       const char *name, *remedy;
     };
-    static constexpr std::array<Filter, 6> known{
-        {{0x8ECF, "Prophesee's ECF", "it is a part of OpenEB, and HDF5_PLUGIN_PATH is the folder of its plugin"},
-         {32001, "Blosc", "on Debian, hdf5-filter-plugin-blosc-serial"},
-         {307, "BZip2", "on Debian, hdf5-filter-plugin"},
-         {32004, "LZ4", "on Debian, hdf5-filter-plugin"},
-         {32008, "Bitshuffle", "on Debian, hdf5-filter-plugin"},
-         {32015, "ZSTD", "HDF5_PLUGIN_PATH is the folder of its plugin"}}};
+    static constexpr std::array<Filter, 5> known{{{32001, "Blosc", "on Debian, hdf5-filter-plugin-blosc-serial"},
+                                                  {307, "BZip2", "on Debian, hdf5-filter-plugin"},
+                                                  {32004, "LZ4", "on Debian, hdf5-filter-plugin"},
+                                                  {32008, "Bitshuffle", "on Debian, hdf5-filter-plugin"},
+                                                  {32015, "ZSTD", "HDF5_PLUGIN_PATH is the folder of its plugin"}}};
     for (int i = 0; i < H5Pget_nfilters(creation); ++i) {
       std::size_t no_values = 0;
       unsigned flags = 0;
@@ -158,7 +171,7 @@ class Hdf5Column {
     }
   }
 
-  std::shared_ptr<Hdf5Handle> dataset_;
+  std::shared_ptr<Hdf5Dataset> dataset_;
   std::string member_;
   std::optional<hsize_t> column_;
   std::uint64_t rows_ = 0;

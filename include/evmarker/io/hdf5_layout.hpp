@@ -91,7 +91,7 @@ inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) 
       members.emplace_back(name == nullptr ? "" : name);
       H5free_memory(name);
     }
-    std::shared_ptr<Hdf5Handle> dataset;
+    std::shared_ptr<Hdf5Dataset> dataset;
     return by_names(path, members, [&](const std::string& member) {
       if (!dataset) dataset = Hdf5Column::open(file, path);
       return Hdf5Column(dataset, member, std::nullopt);
