@@ -23,8 +23,8 @@ struct KalmanSettings {
   /// VelocityMemory.
   double velocity_memory_s = 0.05, confirmed_velocity_memory_s = 1;
   double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]
-  /// Known delay of the camera's events [s], beside the response time that they show, see ResponseTime. Reported poses are
-  /// moved forward by both, to be those at their time `t`.
+  /// Known delay of the camera's events [s], beside the response time that they show, see ResponseTime. Reported poses
+  /// are moved forward by both, to be those at their time `t`.
   double latency_s = 0;
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.

@@ -1,0 +1,63 @@
+#pragma once
+// What the Kalman filter knows beside the pose: velocity, biases, and the covariance of all.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "evmarker/base/vector.hpp"
+#include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/simd/wide_vectors.hpp"
+#include "evmarker/update/error_state.hpp"
+#include "evmarker/update/motion_model.hpp"
+
+namespace evmarker {
+
+/// Twist, covariance of the error state [pose; velocity; biases] and what changes both. Perturbations act on the left,
+/// in the camera frame, rotations about the marker's origin.
+struct KalmanState {
+  Vec6 twist;  ///< [m/s, rad/s]
+  ErrorCovariance P;
+
+  /// Scales the velocity, as if its unit of time had changed.
+  void scale_velocity(double factor) noexcept {
+    twist = factor * twist;
+    for (int k = 0; k < 6; ++k)
+      for (int i = 0; i < 6; ++i) {
+        P.xx(i, 6 + k) *= factor;
+        P.xx(6 + k, i) *= factor;
+        P.xx(6 + i, 6 + k) *= factor * factor;
+      }
+    for (Vector12d& column : P.xb)
+      for (int i = 6; i < 12; ++i) column(i) *= factor;
+  }
+
+  /// Variances of the velocity, summed over the axes: of translation [m^2/s^2] and rotation [rad^2/s^2].
+  double translation_variance() const noexcept { return P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8); }
+  double rotation_variance() const noexcept { return P.xx(9, 9) + P.xx(10, 10) + P.xx(11, 11); }
+
+  /// Predicts twist and covariance over a step; the pose moves by motion.pose_by_velocity times the twist before.
+  /// @param q density of the white acceleration along each axis
+  void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
+    simd::in_packs([&](auto bits) __attribute__((always_inline)) { P.predict<bits>(motion, q); });
+    twist = motion.velocity_kept * twist;
+  }
+
+  /// Adds a random walk to the biases; they are never less known than at first.
+  void let_biases_drift(double variance, const std::array<double, kBiases>& at_first) noexcept {
+    for (std::size_t b = 0; b < kBiases; ++b)
+      P.bb[b][b] = std::max(P.bb[b][b], std::min(P.bb[b][b] + variance, at_first[b]));
+  }
+
+  /// Covariance of the pose after a step from the state's own time: the pose's block of F P F^T + Q.
+  void add_motion(Matrix6d& pose, const MotionStep& motion, const std::array<double, 6>& q) const noexcept {
+    for (int k = 0; k < 6; ++k) {
+      for (int i = 0; i < 6; ++i)
+        pose(i, k) +=
+            motion.pose_by_velocity * (P.xx(6 + i, k) + P.xx(i, 6 + k) + motion.pose_by_velocity * P.xx(6 + i, 6 + k));
+      pose(k, k) += motion.q_pose * q[static_cast<std::size_t>(k)];
+    }
+  }
+};
+
+}  // namespace evmarker

@@ -1,0 +1,66 @@
+#pragma once
+// What one matched event measures: the row of the Kalman filter, and how much it counts.
+#include <array>
+#include <cstddef>
+
+#include "evmarker/base/vector.hpp"
+#include "evmarker/update/error_state.hpp"
+#include "evmarker/update/kalman_measurements.hpp"
+
+namespace evmarker {
+
+/// Places of the biases among those of an error state.
+inline constexpr std::size_t kOffset = 0, kTrail = 1;
+
+/// The measurement of one event.
+struct EventMeasurement {
+  MeasurementRow row;  ///< [J; d]
+  double weight;       ///< Cauchy's, less at an edge's ends
+  double residual2;    ///< d squared [px^2]
+  double lever2;       ///< |E - T| squared [m^2]
+  double gradient2;    ///< of the place of E's image along the normal, squared [px^2/m^2]
+};
+
+/// Where the events of an edge lie. Edge offset: how far [px] they lie on average toward the dark side of their edge.
+/// Pixels fire at equal steps of the logarithm of light, and across a blurred edge most of these lie on the dark side.
+/// Ignored, it makes the marker seem smaller and farther away. Trail: how far [px] events lie behind their moving edge,
+/// as a pixel fires only after a whole contrast step. ON events come from edges that move toward the dark: they lie one
+/// trail toward the bright side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the
+/// pose lag behind the marker.
+struct MeasurementModel {
+  std::array<double, kBiases> bias_px{};  ///< edge offset, trail
+  double robust_px = 1;                   ///< scale of the Cauchy weights
+  double spread2_px = 1;                  ///< mean squared residual [px^2]
+
+  /// Signed distance of an event from where its edge makes events [px].
+  /// @param distance_px Eq. (1), positive along the normal
+  /// @param s 1 if it is known on which side the edge is dark, to which the normal points then; else 0
+  /// @param p polarity
+  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p) const noexcept {
+    return distance_px - s * bias_px[kOffset] + s * p * bias_px[kTrail];
+  }
+
+  /// The measurement of an event: one row [J; d] of d = J [pose; biases], J = [g, (E - T) x g, s, -s p].
+  /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
+  /// @param lever E - T [m]
+  /// @param from_end_px2 squared distance from the edge's nearer end. Blur rounds the corners there: events lie up to
+  /// half a pixel farther inside of the corner. If they counted like others, markers would seem nearer than they are.
+  [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
+                                                  double p) const noexcept {
+    const Vec3 by_rotation = cross(lever, g);
+    const double residual = residual_px(distance_px, s, p), residual2 = residual * residual;
+    const double robust2 = robust_px * robust_px, corner2 = kCornerSpreads2 * spread2_px;
+    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s, -s * p, residual},
+            (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
+            residual2,
+            squared_norm(lever),
+            squared_norm(g)};
+  }
+
+ private:
+  // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
+  // fifth is enough to estimate the trail from edges that move along their own direction.
+  static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
+};
+
+}  // namespace evmarker
