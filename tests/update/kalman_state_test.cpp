@@ -1,0 +1,59 @@
+#include "evmarker/update/kalman_state.hpp"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Eigenvalues>
+
+using namespace evmarker;
+
+namespace {
+
+// A covariance with correlations between all.
+KalmanState state() {
+  KalmanState state;
+  state.twist = {{1, 2, 3}, {4, 5, 6}};
+  for (int i = 0; i < 12; ++i)
+    for (int k = 0; k < 12; ++k) state.P.xx(i, k) = (i == k ? 3 : 1) + 0.01 * (i + k);
+  for (Vector12d& column : state.P.xb) column = Vector12d::Constant(0.1);
+  for (std::size_t b = 0; b < kBiases; ++b) state.P.bb[b][b] = 0.5 + static_cast<double>(b);
+  return state;
+}
+
+}  // namespace
+
+TEST_CASE("kalman state: a scaled velocity scales its covariance") {
+  const KalmanState before = state();
+  KalmanState after = before;
+  after.scale_velocity(0.5);
+  Matrix12d by = Matrix12d::Identity();
+  by.bottomRightCorner<6, 6>() *= 0.5;
+  CHECK((after.P.xx - by * before.P.xx * by).cwiseAbs().maxCoeff() == 0);
+  for (std::size_t b = 0; b < kBiases; ++b) CHECK(after.P.xb[b] == by * before.P.xb[b]);
+  CHECK(Vector6d(after.twist) == 0.5 * Vector6d(before.twist));
+}
+
+TEST_CASE("kalman state: variances of the velocity are traces of its blocks") {
+  const KalmanState s = state();
+  CHECK(s.translation_variance() == doctest::Approx(s.P.xx.block<3, 3>(6, 6).trace()));
+  CHECK(s.rotation_variance() == doctest::Approx(s.P.xx.block<3, 3>(9, 9).trace()));
+}
+
+TEST_CASE("kalman state: the pose's covariance after a step is that of a prediction") {
+  const std::array<double, 6> q{1, 2, 3, 4, 5, 6};
+  const MotionStep motion = motion_step(0.1, 0.3);
+  KalmanState predicted = state();
+  Matrix6d pose = predicted.P.xx.topLeftCorner<6, 6>();
+  predicted.add_motion(pose, motion, q);
+  predicted.predict(motion, q);
+  CHECK((pose - predicted.P.xx.topLeftCorner<6, 6>()).cwiseAbs().maxCoeff() < 1e-14);
+  CHECK((Vector6d(predicted.twist) - motion.velocity_kept * Vector6d(state().twist)).norm() < 1e-14);
+}
+
+TEST_CASE("kalman state: biases drift, but are never less known than at first") {
+  KalmanState s = state();
+  s.let_biases_drift(0.1, {1, 1});
+  CHECK(s.P.bb[0][0] == doctest::Approx(0.6));
+  CHECK(s.P.bb[1][1] == 1.5);  // was less known before
+  s.let_biases_drift(100, {1, 1});
+  CHECK(s.P.bb[0][0] == 1);
+}

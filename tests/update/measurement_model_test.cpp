@@ -1,0 +1,52 @@
+#include "evmarker/update/measurement_model.hpp"
+
+#include <doctest/doctest.h>
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double kFarFromEnds_px2 = 1e6;
+
+MeasurementModel model() { return {.bias_px = {0.3, 0.2}, .robust_px = 2, .spread2_px = 0.25}; }
+
+}  // namespace
+
+TEST_CASE("measurement model: events of both polarities lie where offset and trail say") {
+  CHECK(model().residual_px(0.3 - 0.2, 1, 1) == doctest::Approx(0).epsilon(1e-15));
+  CHECK(model().residual_px(0.3 + 0.2, 1, -1) == doctest::Approx(0).epsilon(1e-15));
+  CHECK(model().residual_px(0.5, 0, 1) == 0.5);  // dark side not known
+}
+
+TEST_CASE("measurement model: a row is the derivative of the residual by pose and biases") {
+  const Vec3 g{100, -40, 7}, lever{0.03, 0.05, -0.01};
+  const auto [row, weight, residual2, lever2, gradient2] = model().measure(g, lever, 0.8, kFarFromEnds_px2, 1, -1);
+  const auto residual_at = [&](const Vec6& step, double offset, double trail) {
+    const double moved_px = dot(g, step.t + cross(step.r, lever));  // the edge, along its normal
+    MeasurementModel other = model();
+    other.bias_px = {0.3 + offset, 0.2 + trail};
+    return other.residual_px(0.8 - moved_px, 1, -1);
+  };
+  const double before = residual_at({}, 0, 0);
+  CHECK(row[6 + kBiases] == before);
+  constexpr double kStep = 1e-3;
+  for (std::size_t k = 0; k < 6 + kBiases; ++k) {
+    CAPTURE(k);
+    std::array<double, 8> step{};
+    step[k] = kStep;
+    const Vec6 motion{{step[0], step[1], step[2]}, {step[3], step[4], step[5]}};
+    CHECK((before - residual_at(motion, step[6], step[7])) / kStep == doctest::Approx(row[k]).epsilon(1e-9));
+  }
+  CHECK(residual2 == before * before);
+  CHECK(weight == doctest::Approx(4 / (4 + before * before)));
+  CHECK(lever2 == doctest::Approx(0.0035));
+  CHECK(gradient2 == doctest::Approx(11649));
+}
+
+TEST_CASE("measurement model: an event within three spreads of its edge's end counts a fifth") {
+  const auto weight = [](double from_end_px) {
+    return model().measure({1, 0, 0}, {}, 0, from_end_px * from_end_px, 1, 1).weight;
+  };
+  CHECK(weight(1.49) == doctest::Approx(0.2 * weight(1.51)));
+  CHECK(weight(1.51) == weight(1000));
+}
