@@ -50,3 +50,31 @@ TEST_CASE("measurement model: an event within three spreads of its edge's end co
   CHECK(weight(1.49) == doctest::Approx(0.2 * weight(1.51)));
   CHECK(weight(1.51) == weight(1000));
 }
+
+TEST_CASE("the offset is proportional to an edge's contrast, the trail to its inverse") {
+  // Offset 0.3, trail 0.2.
+  CHECK(model().residual_px(2 * 0.3 - 0.2 / 2, 1, 1, 2) == doctest::Approx(0).epsilon(1e-12));
+  const auto row = model().measure({1, 0, 0}, {}, 0, kFarFromEnds_px2, 1, 1, 2).row;
+  CHECK(row[6 + kOffset] == 2);
+  CHECK(row[6 + kTrail] == -0.5);
+}
+
+TEST_CASE(
+    "amid noise, an event counts less the slower its edge moves, and nearly nothing if it contradicts the motion") {
+  const auto weight = [](double px_per_s, double polarity, double direction) {
+    MeasurementModel noisy = model();
+    noisy.noise_px_per_s = 10;
+    noisy.speed_variance = 100;
+    noisy.twist = {{px_per_s, 0, 0}, {}};
+    noisy.time_direction = direction;
+    const double at = 0.3 - 0.2 * polarity;  // no residual
+    return noisy.measure({1, 0, 0}, {}, at, kFarFromEnds_px2, 1, polarity).weight;
+  };
+  CHECK(weight(1000, 1, 1) > 0.9);
+  CHECK(weight(100, 1, 1) == doctest::Approx(0.909).epsilon(0.01));
+  CHECK(weight(10, 1, 1) == doctest::Approx(0.547).epsilon(0.01));
+  CHECK(weight(1000, -1, 1) < 0.004);
+  CHECK(weight(-1000, -1, 1) > 0.9);
+  CHECK(weight(-1000, 1, -1) > 0.9);  // seen backwards
+  CHECK(weight(1000, 0, 1) > 0.9);    // polarity not known
+}

@@ -21,6 +21,7 @@ struct Correspondence {
   double from_end_px2 = std::numeric_limits<double>::infinity();
   Eigen::Vector2d normal{0, 0};                 ///< unit normal of the projected edge, toward its dark side if known
   bool dark_side_known = false;                 ///< whether `normal` points to the dark side
+  double contrast = 1;                          ///< of the edge, relative to the mean of all, see EdgeContrasts
   Eigen::Vector3d gradient{0, 0, 0};            ///< derivative by E of the place of E's image along `normal` [px/m]
   Eigen::Vector3d M = Eigen::Vector3d::Zero();  ///< line of sight, Eq. (2)
   Eigen::Vector3d F = Eigen::Vector3d::Zero();  ///< point on the line of sight, Eq. (3)
@@ -38,6 +39,7 @@ struct alignas(64) Correspondences {
   simd::Lanes E_x, E_y, E_z;              ///< point on the segment, Eq. (4)
   simd::Lanes g_x, g_y, g_z;              ///< derivative by E of the place of E's image along the edge's normal [px/m]
   simd::Lanes from_end_px2;               ///< as in Correspondence
+  simd::Lanes contrast;                   ///< as in Correspondence
   simd::Lanes is_event;                   ///< 1 for events, 0 in the lanes from `count` on
   std::array<int, simd::kLanes> segment;  ///< as in Correspondence
   std::size_t count = 0;

@@ -42,6 +42,9 @@ class BackgroundShare {
   /// Weight of the matched events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.
   double signal() const noexcept { return signal_; }
 
+  /// Usual number of background events that match edges [1/s].
+  double matching_per_s() const noexcept { return 1e6 * matching_to_others_ * others_per_us_; }
+
  private:
   // By how many the events on the edges exceed the background expected there, and the variance of that number.
   struct Excess {

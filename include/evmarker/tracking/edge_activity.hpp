@@ -5,11 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/tracking/edge_contrast.hpp"
 
 namespace evmarker {
 
@@ -25,6 +28,8 @@ class EdgeActivity {
         interval_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
         events_(model.segments.size()),
         history_(events_.size()),
+        middle_events_(events_.size()),
+        contrasts_(events_.size()),
         begin_(events_.size()),
         end_(events_.size()) {
     for (const MarkerSegment& segment : model.segments) printed_ = printed_ && !segment.dark_side.isZero();
@@ -42,8 +47,8 @@ class EdgeActivity {
   /// Evaluates the events since the last evaluation, and begins a new interval. Returns the logarithm of how much
   /// likelier these events are if half of the edges are hidden than if all are in sight; nothing before the wireframe
   /// has moved by about a pixel, and events then keep counting.
-  std::optional<double> log_likelihood_of_loss(const MarkerModel& model,
-                                               const Eigen::Isometry3d& T_camera_marker) noexcept {
+  std::optional<double> log_likelihood_of_loss(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
+                                               std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
     double swept_px2 = 0, length_px = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
@@ -52,6 +57,7 @@ class EdgeActivity {
     }
     if (!started_ || !std::isfinite(swept_px2)) {
       restart(!started_);
+      std::ranges::copy(middle_events, middle_events_.begin());
       return std::nullopt;
     }
     if (swept_px2 < kDistance * length_px) {
@@ -59,12 +65,17 @@ class EdgeActivity {
       return std::nullopt;
     }
     const double evidence = evaluate(swept_px2);
+    measure_contrasts(middle_events);
     restart(true);
+    std::ranges::copy(middle_events, middle_events_.begin());
     return evidence;
   }
 
   /// How many events a pixel makes while an edge passes over it, a running mean over all edges; 0 before it is known.
   double events_per_passage() const noexcept { return density_; }
+
+  /// Contrast of each segment, relative to the mean of all.
+  std::span<const float> contrasts() const noexcept { return contrasts_.contrasts(); }
 
   /// Forgets the events since the last evaluation; a new interval begins at the next one.
   void restart() noexcept { restart(false); }
@@ -72,6 +83,7 @@ class EdgeActivity {
  private:
   static constexpr double kDistance = 1;      // [px] mean motion of the edges that is enough to evaluate them
   static constexpr double kJitter_px = 0.5;   // by errors of the pose, an edge may seem to move so far
+  static constexpr double kLong_px = 8;       // of a shorter edge, blur reaches the middle half
   static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
   static constexpr double kMost = 3;          // limit of one edge's evidence: its contrast may have changed
   static constexpr double kFading = 0.9;      // of the history, at every evaluation
@@ -81,6 +93,7 @@ class EdgeActivity {
   // An edge in the image: its middle, and the vector from one end to the other; zero while it is not visible.
   struct Edge {
     Eigen::Vector2d middle{0, 0}, along{0, 0};  // [px]
+    double dark = 0;  // positive if the dark side is on the right of `along` in the image, negative on the left
   };
   struct Activity {
     double events = 0, swept_px2 = 0;
@@ -141,14 +154,28 @@ class EdgeActivity {
       return focal_length_ / V.z() * V.head<2>();
     };
     const Eigen::Vector2d from = image(segment.from), to = image(segment.to);
-    return {(from + to) / 2, to - from};
+    const Eigen::Vector3d S =
+        model.vertices[static_cast<std::size_t>(segment.to)] - model.vertices[static_cast<std::size_t>(segment.from)];
+    const double dark = (T.linear() * S.cross(segment.dark_side)).dot(seen_at);
+    return {(from + to) / 2, to - from, dark};
   }
 
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
-  double swept(std::size_t i) const noexcept {
+  double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
+  double swept_to_right(std::size_t i) const noexcept {
     if (begin_[i].along.isZero()) return 0;  // it has just come into sight
     const Eigen::Vector2d way = end_[i].middle - begin_[i].middle;
-    return std::abs(way.x() * end_[i].along.y() - way.y() * end_[i].along.x());
+    return way.y() * end_[i].along.x() - way.x() * end_[i].along.y();
+  }
+
+  void measure_contrasts(std::span<const std::uint32_t> middle_events) noexcept {
+    for (std::size_t i = 0; i < end_.size(); ++i) {
+      const double length_px = end_[i].along.norm(), swept = swept_to_right(i);
+      if (end_[i].dark == 0 || length_px < kLong_px || !(std::abs(swept) > kJitter_px * length_px)) continue;
+      contrasts_.add(i, middle_events[i] - middle_events_[i], std::abs(swept) / 2, length_px / 2,
+                     swept * end_[i].dark > 0);
+    }
+    contrasts_.evaluate();
   }
 
   // Begins a new interval: with the edges in `end_` if `from_here`, else with those at the next evaluation.
@@ -164,6 +191,8 @@ class EdgeActivity {
   bool printed_ = true;      // all dark sides are known: all edges have about one contrast
   std::vector<int> events_;  // of every segment, since the last evaluation
   std::vector<Activity> history_;
+  std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
+  EdgeContrasts contrasts_;
   std::vector<Edge> begin_, end_;  // the edges at the begin and the end of the interval
   double density_ = 0;             // events per swept area [1/px^2], 0 before the first evaluation
   int total_ = 0;                  // events since `due()` was last reset

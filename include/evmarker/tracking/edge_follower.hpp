@@ -1,7 +1,11 @@
 #pragma once
 // The paper's tracking loop for one marker: match, collect, update every n matched events.
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -67,7 +71,9 @@ class EdgeFollower {
         T_camera_marker_(T_camera_marker),
         polarity_check_(settings.polarity_check),
         polarity_check_px_per_s_(settings.polarity_check_px_per_s),
-        contradicted_(matcher_.model().segments.size(), 0.0f) {
+        contradicted_(matcher_.model().segments.size(), 0.0f),
+        middle_events_(contradicted_.size()),
+        contrasts_(contradicted_.size(), 1.0f) {
     validate(settings);
     if (!is_finite(T_camera_marker) || !is_rotation(T_camera_marker.linear()))
       throw std::invalid_argument("T_camera_marker is no rotation and translation");
@@ -134,6 +140,11 @@ class EdgeFollower {
       rule_.set_trail_by_events_per_passage(events, matcher_.focal_length());
     }
   }
+  /// Of each segment, the events in its middle half that took part in updates, modulo 2^32.
+  std::span<const std::uint32_t> middle_events() const noexcept { return middle_events_; }
+  /// Sets the contrast of each segment, relative to the mean of all.
+  void set_contrasts(std::span<const float> contrasts) noexcept { std::ranges::copy(contrasts, contrasts_.begin()); }
+  std::span<const float> contrasts() const noexcept { return contrasts_; }
   /// To be called once the pose is known to be right: many events beside the edges then mean that there is only
   /// background and the marker rests, see BackgroundShare.
   void enable_rest_detection() noexcept { may_rest_ = true; }
@@ -178,6 +189,7 @@ class EdgeFollower {
     Correspondence c;
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
     c.polarity = polarity;
+    c.contrast = contrasts_[static_cast<std::size_t>(c.segment)];
     if constexpr (requires { rule_.residual_px(c); }) c.distance_px = rule_.residual_px(c);
     return std::min(c.distance_px * c.distance_px, most_px2);
   }
@@ -335,6 +347,8 @@ class EdgeFollower {
         return {MatchResult::contradicting};
     correspondence.t = t;
     correspondence.polarity = polarity;
+    correspondence.contrast = contrasts_[static_cast<std::size_t>(correspondence.segment)];
+    count_in_middle(correspondence.segment, correspondence.from_end_px2);
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.squared_px;
     const bool enough = ++matched_ == events_per_update_;
@@ -357,6 +371,9 @@ class EdgeFollower {
         Correspondences c;
         const auto grid_of = [&](std::size_t number) -> const ProjectedGrid& { return matcher_.projected(number); };
         correspond(matches_, grid_of, matcher_.focal_length(), c);
+        for (std::size_t i = 0; i < simd::kLanes; ++i)
+          c.contrast[i] = contrasts_[static_cast<std::size_t>(c.segment[i < c.count ? i : 0])];
+        for (std::size_t i = 0; i < c.count; ++i) count_in_middle(c.segment[i], c.from_end_px2[i]);
         rule_.add(c, T_camera_marker_);
         alignas(64) simd::Lanes squared_px;
         for (std::size_t i = 0; i < simd::kLanes; ++i)
@@ -372,7 +389,8 @@ class EdgeFollower {
     if (matches_.count > 0) add_matches();
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
     if constexpr (NoiseAwareRule<Rule>)
-      if (may_rest_ && background_.add(matched_, offered_ - matched_, t)) rule_.set_signal_weight(background_.signal());
+      if (may_rest_ && background_.add(matched_, offered_ - matched_, t))
+        rule_.set_signal_weight(background_.signal(), background_.matching_per_s());
     start_collecting();
     const bool updated = rule_.update(T_camera_marker_, t);
     skipped_updates_ += !updated;
@@ -382,6 +400,10 @@ class EdgeFollower {
     if (matcher_.edge_choices() != choices) adapt_to_distance();
     refresh_twist();
     return updated;
+  }
+
+  [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {
+    middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();
   }
 
   void start_collecting() noexcept {
@@ -410,8 +432,10 @@ class EdgeFollower {
   bool polarity_check_;
   double polarity_check_px_per_s_;
   bool reversed_ = false;
-  std::optional<Vec6> twist_;        // of the last update, for the polarity check
-  std::vector<float> contradicted_;  // by segment: running share of the events that contradict its motion
+  std::optional<Vec6> twist_;                 // of the last update, for the polarity check
+  std::vector<float> contradicted_;           // by segment: running share of the events that contradict its motion
+  std::vector<std::uint32_t> middle_events_;  // by segment
+  std::vector<float> contrasts_;              // by segment
 };
 
 }  // namespace evmarker

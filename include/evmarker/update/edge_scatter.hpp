@@ -1,6 +1,7 @@
 #pragma once
 // How far errors that all events of an edge share shift the pose.
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 
@@ -75,7 +76,7 @@ class EdgeScatter {
       for (std::size_t i = 0; i <= k; ++i)
         information(static_cast<int>(k), static_cast<int>(i)) = information(static_cast<int>(i), static_cast<int>(k)) =
             rows_[k][i] / rows_weight_;
-    share_of_known_dark_sides_ = information(kStates - 1, kStates - 1);
+    share_of_known_dark_sides_ = std::min(1.0, information(kStates - 1, kStates - 1));
     information(kStates - 1, kStates - 1) += kNoInformation;
     const Eigen::LLT<Matrix> llt(information);
     const Matrix inverse = llt.solve(Matrix::Identity());

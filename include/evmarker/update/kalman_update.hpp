@@ -46,8 +46,8 @@ class KalmanUpdate {
   /// Adds the measurement of one event.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 lever = Vec3(c.E) - translation(T_camera_marker);
-    const EventMeasurement of_event =
-        model_.measure(c.gradient, lever, c.distance_px, c.from_end_px2, c.dark_side_known ? 1 : 0, c.polarity);
+    const EventMeasurement of_event = model_.measure(c.gradient, lever, c.distance_px, c.from_end_px2,
+                                                     c.dark_side_known ? 1 : 0, c.polarity, c.contrast);
     // What is not finite would stay in the means for ever. One comparison finds it; the rotation part of the row needs
     // none of its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
@@ -66,8 +66,8 @@ class KalmanUpdate {
     alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check;
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
-      const EventMeasurement of_event =
-          model.measure({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i], c.from_end_px2[i], 1, c.polarity[i]);
+      const EventMeasurement of_event = model.measure({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i],
+                                                      c.from_end_px2[i], 1, c.polarity[i], c.contrast[i]);
       const double since_update_us = c.t[i] - t_us;
       residual2[i] = c.is_event[i] * of_event.residual2;
       lever2[i] = c.is_event[i] * of_event.lever2;
@@ -128,13 +128,18 @@ class KalmanUpdate {
     perturb(T_camera_marker, step);
     if (steps_ % kStepsToMend == 0) state_.P.symmetrize();
     state_.twist = twist;
+    update_motion_of_model();
     lead_s_ = lead_s;
     correct_biases(error);
     return good;
   }
 
   /// @param weight of the events' information: 1 if at least half of them are surely of moving edges, 0 at rest
-  void set_signal_weight(double weight) noexcept { signal_weight_ = weight; }
+  /// @param noise_per_s noise events that match edges
+  void set_signal_weight(double weight, double noise_per_s) noexcept {
+    signal_weight_ = weight;
+    noise_per_s_ = noise_per_s;
+  }
 
   /// Switches on the bound of the motion by the number of events.
   /// @param per_px events that all edges together make while they move by a pixel
@@ -183,6 +188,8 @@ class KalmanUpdate {
     forget_events();
     lead_s_ = -lead_s_;  // in mirrored time, the mean time of the last events is after the pose
     state_.scale_velocity(-1);
+    model_.time_direction = -model_.time_direction;
+    update_motion_of_model();
   }
 
   /// Covariance of the pose, see PoseEstimate.
@@ -209,7 +216,7 @@ class KalmanUpdate {
   double delay_s() const noexcept { return settings_.latency_s + response_time_.delay_s(); }
   /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
-    return model_.residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity);
+    return model_.residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity, c.contrast);
   }
   /// How far on the dark side of an edge its events lie [px].
   double edge_offset_px() const noexcept { return model_.bias_px[kOffset]; }
@@ -295,6 +302,16 @@ class KalmanUpdate {
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
   double max_offset_px() const noexcept { return std::sqrt(std::max(statistics_.spread2_px(), 0.25)); }
+
+  // The motion by which the model tells events of moving edges from noise.
+  void update_motion_of_model() noexcept {
+    model_.twist = state_.twist;
+    model_.noise_px_per_s = bound_.is_set() ? noise_per_s_ / bound_.events_per_px() : 0;
+    const double lever2 = statistics_.lever2();
+    model_.speed_variance =
+        std::max(squared(model_.noise_px_per_s),
+                 statistics_.gradient2() * (state_.translation_variance() + lever2 * state_.rotation_variance()) / 3);
+  }
 
   void update_means(int count) noexcept {
     statistics_.update_means(count);
@@ -382,7 +399,7 @@ class KalmanUpdate {
   MeasurementModel model_;
   KalmanMeasurements measurements_;  // since the last update
   MeasurementStatistics statistics_;
-  double signal_weight_ = 1;  // see set_signal_weight
+  double signal_weight_ = 1, noise_per_s_ = 0;  // see set_signal_weight
   MotionBound bound_;
   ProcessNoise noise_;
   VelocityMemory velocity_memory_;

@@ -1,6 +1,7 @@
 #pragma once
 // What one matched event measures: the row of the Kalman filter, and how much it counts.
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 #include "evmarker/base/vector.hpp"
@@ -15,7 +16,7 @@ inline constexpr std::size_t kOffset = 0, kTrail = 1;
 /// The measurement of one event.
 struct EventMeasurement {
   MeasurementRow row;  ///< [J; d]
-  double weight;       ///< Cauchy's, less at an edge's ends
+  double weight;       ///< Cauchy's, less at an edge's ends, of an edge of little contrast, and amid noise
   double residual2;    ///< d squared [px^2]
   double lever2;       ///< |E - T| squared [m^2]
   double gradient2;    ///< of the place of E's image along the normal, squared [px^2/m^2]
@@ -26,18 +27,25 @@ struct EventMeasurement {
 /// Ignored, it makes the marker seem smaller and farther away. Trail: how far [px] events lie behind their moving edge,
 /// as a pixel fires only after a whole contrast step. ON events come from edges that move toward the dark: they lie one
 /// trail toward the bright side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the
-/// pose lag behind the marker.
+/// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to its
+/// inverse.
 struct MeasurementModel {
   std::array<double, kBiases> bias_px{};  ///< edge offset, trail
   double robust_px = 1;                   ///< scale of the Cauchy weights
   double spread2_px = 1;                  ///< mean squared residual [px^2]
+  Vec6 twist{};                           ///< of the marker [m/s, rad/s]
+  double speed_variance = 0;  ///< of an edge's speed along its normal, by what is not known of `twist` [px^2/s^2]
+  double noise_px_per_s = 0;  ///< speed of an edge that makes as many events as there is noise on it
+  double time_direction = 1;  ///< -1 while events come in reverse
 
   /// Signed distance of an event from where its edge makes events [px].
   /// @param distance_px Eq. (1), positive along the normal
   /// @param s 1 if it is known on which side the edge is dark, to which the normal points then; else 0
   /// @param p polarity
-  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p) const noexcept {
-    return distance_px - s * bias_px[kOffset] + s * p * bias_px[kTrail];
+  /// @param contrast of the edge, relative to the mean of all
+  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p,
+                                            double contrast = 1) const noexcept {
+    return distance_px - s * contrast * bias_px[kOffset] + s * p / contrast * bias_px[kTrail];
   }
 
   /// The measurement of an event: one row [J; d] of d = J [pose; biases], J = [g, (E - T) x g, s, -s p].
@@ -46,18 +54,34 @@ struct MeasurementModel {
   /// @param from_end_px2 squared distance from the edge's nearer end. Blur rounds the corners there: events lie up to
   /// half a pixel farther inside of the corner. If they counted like others, markers would seem nearer than they are.
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
-                                                  double p) const noexcept {
+                                                  double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
-    const double residual = residual_px(distance_px, s, p), residual2 = residual * residual;
+    const double residual = residual_px(distance_px, s, p, contrast), residual2 = residual * residual;
+    const double toward_dark_px_per_s = time_direction * (dot(g, twist.t) + dot(by_rotation, twist.r));
     const double robust2 = robust_px * robust_px, corner2 = kCornerSpreads2 * spread2_px;
-    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s, -s * p, residual},
-            (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
+    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast, residual},
+            signal_share(toward_dark_px_per_s, s * p) * contrast_weight(contrast) *
+                (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
             residual2,
             squared_norm(lever),
             squared_norm(g)};
   }
 
  private:
+  // Probability that an event comes from its edge, and is not noise. An edge makes ON events while it moves toward the
+  // dark, and OFF events while it moves away from it, in number proportional to its speed.
+  [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
+    const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * std::abs(toward_dark_px_per_s);
+    // About the mean of the speeds above 0, as what is known of the speed has a deviation.
+    const double speed = 0.5 * (x + std::sqrt(x * x + speed_variance));
+    return (speed + kLeastSpeed) / (speed + noise_px_per_s + kLeastSpeed);
+  }
+
+  // Across an edge of little contrast a step of light is a longer way, and so is what is not known of the step.
+  [[gnu::always_inline]] static double contrast_weight(double contrast) noexcept {
+    return contrast < 1 ? contrast * contrast : 1;
+  }
+  static constexpr double kLeastSpeed = 1e-3;  // [px/s] without noise, the weight is 1
   // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
   // fifth is enough to estimate the trail from edges that move along their own direction.
   static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;

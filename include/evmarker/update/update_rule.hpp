@@ -44,7 +44,8 @@ concept BatchUpdateRule = PoseUpdateRule<R> &&
 template <typename R>
 concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule) {
   /// Sets the weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
-  { rule.set_signal_weight(1.0) } noexcept;
+  /// `noise_per_s`: background events that match edges [1/s].
+  { rule.set_signal_weight(1.0, 0.0) } noexcept;
 };
 
 /// A rule that estimates the motion and the covariance, too.

@@ -1,0 +1,89 @@
+#pragma once
+// Contrast of each edge beside that of the others, from the events that pixels make while it passes.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+namespace evmarker {
+
+/// Measures the contrast of each edge, relative to the mean of all. A pixel makes an event for each step of the
+/// logarithm of light, so that the events of an edge per area that it sweeps are proportional to the logarithm of its
+/// contrast. ON and OFF steps differ, so that edges are compared with those that move the same way: into their dark
+/// side, which makes ON events, or out of it.
+class EdgeContrasts {
+ public:
+  explicit EdgeContrasts(std::size_t edges) : edges_(edges), contrasts_(edges, 1.0f) {}
+
+  /// Adds what an edge did in an interval in which it moved.
+  /// @param events in the middle half of the edge: blur rounds its ends
+  /// @param swept_px2 area that the middle half swept
+  /// @param length_px of the middle half
+  void add(std::size_t edge, double events, double swept_px2, double length_px, bool into_dark) noexcept {
+    Edge& e = edges_[edge];
+    Sums& all = all_[into_dark];
+    const double usual = all.swept_px2 > 0 ? all.events / all.swept_px2 : events / swept_px2;
+    // What hides an edge does not show its contrast.
+    if (e.swept_px2 > kKnown_px * length_px && events < kHidden * e.contrast() * usual * swept_px2) return;
+    all.events += events;
+    all.swept_px2 += swept_px2;
+    e.length_px = length_px;
+    e.events = kKept * e.events + events;
+    e.expected = kKept * e.expected + usual * swept_px2;
+    e.swept_px2 = kKept * e.swept_px2 + swept_px2;
+  }
+
+  /// Ends an interval.
+  void evaluate() noexcept {
+    for (Sums& sums : all_) {
+      sums.events *= kKept;
+      sums.swept_px2 *= kKept;
+    }
+    double contrast_px = 0, length_px = 0;
+    for (const Edge& e : edges_) {
+      contrast_px += e.contrast() * e.length_px;
+      length_px += e.length_px;
+    }
+    const double inverse_mean = contrast_px > 0 ? length_px / contrast_px : 0;
+    for (std::size_t i = 0; i < edges_.size(); ++i) {
+      if (!(edges_[i].swept_px2 > 0)) continue;
+      // As far as the difference stands out against what is not known of it.
+      const double difference = std::clamp(edges_[i].contrast() * inverse_mean, kLeast, kMost) - 1;
+      const double way_px = edges_[i].swept_px2 / edges_[i].length_px;
+      const double variance = square(kUnknown) + kOfPassage / edges_[i].swept_px2 + square(kEdgeWidth_px / way_px);
+      contrasts_[i] =
+          static_cast<float>(1 + difference * difference * difference / (difference * difference + variance));
+    }
+  }
+
+  /// Of each edge, 1 in the mean.
+  std::span<const float> contrasts() const noexcept { return contrasts_; }
+
+ private:
+  static constexpr double kKept = 0.99;   // of the sums, from one interval to the next
+  static constexpr double kKnown_px = 3;  // motion after which the contrast of an edge is known well enough
+  static constexpr double kHidden = 0.4;  // share of its usual events below which an edge seems to be hidden
+  static constexpr double kLeast = 0.2, kMost = 5;
+  static constexpr double kUnknown = 0.05;    // relative error that does not average out: of the swept area
+  static constexpr double kEdgeWidth_px = 4;  // usual: a passage that is begun or not ended counts as one or none
+  static constexpr double kOfPassage = 0.2;   // relative variance of the events of one pixel in one passage
+
+  static constexpr double square(double x) noexcept { return x * x; }
+
+  struct Sums {
+    double events = 0, swept_px2 = 0;
+  };
+  struct Edge {
+    double events = 0, expected = 0, swept_px2 = 0, length_px = 0;
+
+    double contrast() const noexcept { return expected > 0 ? events / expected : 1; }
+  };
+
+  std::array<Sums, 2> all_{};  // of edges that move out of their dark side, and into it
+  std::vector<Edge> edges_;
+  std::vector<float> contrasts_;
+};
+
+}  // namespace evmarker
