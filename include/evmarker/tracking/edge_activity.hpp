@@ -46,7 +46,8 @@ class EdgeActivity {
 
   /// Evaluates the events since the last evaluation, and begins a new interval. Returns the logarithm of how much
   /// likelier these events are if half of the edges are hidden than if all are in sight; nothing before the wireframe
-  /// has moved by about a pixel, and events then keep counting.
+  /// has moved by about a pixel, and events then keep counting. Measures the contrasts of the edges, too.
+  /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
   std::optional<double> log_likelihood_of_loss(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
                                                std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
@@ -56,8 +57,7 @@ class EdgeActivity {
       length_px += end_[i].along.norm();
     }
     if (!started_ || !std::isfinite(swept_px2)) {
-      restart(!started_);
-      std::ranges::copy(middle_events, middle_events_.begin());
+      restart(!started_, middle_events);
       return std::nullopt;
     }
     if (swept_px2 < kDistance * length_px) {
@@ -66,8 +66,7 @@ class EdgeActivity {
     }
     const double evidence = evaluate(swept_px2);
     measure_contrasts(middle_events);
-    restart(true);
-    std::ranges::copy(middle_events, middle_events_.begin());
+    restart(true, middle_events);
     return evidence;
   }
 
@@ -78,7 +77,7 @@ class EdgeActivity {
   std::span<const float> contrasts() const noexcept { return contrasts_.contrasts(); }
 
   /// Forgets the events since the last evaluation; a new interval begins at the next one.
-  void restart() noexcept { restart(false); }
+  void restart() noexcept { restart(false, {}); }
 
  private:
   static constexpr double kDistance = 1;      // [px] mean motion of the edges that is enough to evaluate them
@@ -162,6 +161,7 @@ class EdgeActivity {
 
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
   double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
+  // The same, positive if the edge moved to the right of its direction.
   double swept_to_right(std::size_t i) const noexcept {
     if (begin_[i].along.isZero()) return 0;  // it has just come into sight
     const Eigen::Vector2d way = end_[i].middle - begin_[i].middle;
@@ -179,11 +179,12 @@ class EdgeActivity {
   }
 
   // Begins a new interval: with the edges in `end_` if `from_here`, else with those at the next evaluation.
-  void restart(bool from_here) noexcept {
+  void restart(bool from_here, std::span<const std::uint32_t> middle_events) noexcept {
     started_ = from_here;
     total_ = 0;
     std::fill(events_.begin(), events_.end(), 0);
     std::swap(begin_, end_);
+    std::ranges::copy(middle_events, middle_events_.begin());
   }
 
   double focal_length_;

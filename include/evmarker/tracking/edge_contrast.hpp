@@ -53,8 +53,8 @@ class EdgeContrasts {
       const double difference = std::clamp(edges_[i].contrast() * inverse_mean, kLeast, kMost) - 1;
       const double way_px = edges_[i].swept_px2 / edges_[i].length_px;
       const double variance = square(kUnknown) + kOfPassage / edges_[i].swept_px2 + square(kEdgeWidth_px / way_px);
-      contrasts_[i] =
-          static_cast<float>(1 + difference * difference * difference / (difference * difference + variance));
+      const double contrast = 1 + difference * square(difference) / (square(difference) + variance);
+      if (std::isfinite(contrast)) contrasts_[i] = static_cast<float>(contrast);
     }
   }
 

@@ -402,8 +402,10 @@ class EdgeFollower {
     return updated;
   }
 
+  // Of no use to a rule that does not estimate where an edge's events lie.
   [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {
-    middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();
+    if constexpr (MotionEstimatingRule<Rule>)
+      middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();
   }
 
   void start_collecting() noexcept {

@@ -48,7 +48,8 @@ struct MeasurementModel {
     return distance_px - s * contrast * bias_px[kOffset] + s * p / contrast * bias_px[kTrail];
   }
 
-  /// The measurement of an event: one row [J; d] of d = J [pose; biases], J = [g, (E - T) x g, s, -s p].
+  /// The measurement of an event: one row [J; d] of d = J [pose; biases], J = [g, (E - T) x g, s c, -s p / c] where c
+  /// is the edge's contrast.
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end. Blur rounds the corners there: events lie up to
@@ -74,14 +75,14 @@ struct MeasurementModel {
     const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * std::abs(toward_dark_px_per_s);
     // About the mean of the speeds above 0, as what is known of the speed has a deviation.
     const double speed = 0.5 * (x + std::sqrt(x * x + speed_variance));
-    return (speed + kLeastSpeed) / (speed + noise_px_per_s + kLeastSpeed);
+    return 1 - noise_px_per_s / (speed + noise_px_per_s + kLeastSpeed);
   }
 
   // Across an edge of little contrast a step of light is a longer way, and so is what is not known of the step.
   [[gnu::always_inline]] static double contrast_weight(double contrast) noexcept {
     return contrast < 1 ? contrast * contrast : 1;
   }
-  static constexpr double kLeastSpeed = 1e-3;  // [px/s] without noise, the weight is 1
+  static constexpr double kLeastSpeed = 1e-3;  // [px/s] so that it is defined at rest without noise
   // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
   // fifth is enough to estimate the trail from edges that move along their own direction.
   static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
