@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/tracking/edge_contrast.hpp"
+#include "evmarker/tracking/edge_contrasts.hpp"
 
 namespace evmarker {
 

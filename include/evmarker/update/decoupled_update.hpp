@@ -76,7 +76,9 @@ class DecoupledUpdate {
   }
 
   /// @param weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest
-  void set_signal_weight(double weight, double) noexcept { signal_weight_ = settings_.hold_at_rest ? weight : 1; }
+  void set_signal_weight(double weight, double /*noise_per_s*/) noexcept {
+    signal_weight_ = settings_.hold_at_rest ? weight : 1;
+  }
 
   /// Adds one event to the running averages.
   [[gnu::always_inline]] void add(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) noexcept {

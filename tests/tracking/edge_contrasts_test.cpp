@@ -1,4 +1,4 @@
-#include "evmarker/tracking/edge_contrast.hpp"
+#include "evmarker/tracking/edge_contrasts.hpp"
 
 #include <doctest/doctest.h>
 
