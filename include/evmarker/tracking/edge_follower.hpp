@@ -189,7 +189,7 @@ class EdgeFollower {
     Correspondence c;
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
     c.polarity = polarity;
-    c.contrast = contrasts_[static_cast<std::size_t>(c.segment)];
+    c.contrast = contrast(c.segment);
     if constexpr (requires { rule_.residual_px(c); }) c.distance_px = rule_.residual_px(c);
     return std::min(c.distance_px * c.distance_px, most_px2);
   }
@@ -347,7 +347,7 @@ class EdgeFollower {
         return {MatchResult::contradicting};
     correspondence.t = t;
     correspondence.polarity = polarity;
-    correspondence.contrast = contrasts_[static_cast<std::size_t>(correspondence.segment)];
+    correspondence.contrast = contrast(correspondence.segment);
     count_in_middle(correspondence.segment, correspondence.from_end_px2);
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.squared_px;
@@ -371,9 +371,11 @@ class EdgeFollower {
         Correspondences c;
         const auto grid_of = [&](std::size_t number) -> const ProjectedGrid& { return matcher_.projected(number); };
         correspond(matches_, grid_of, matcher_.focal_length(), c);
-        for (std::size_t i = 0; i < simd::kLanes; ++i)
-          c.contrast[i] = contrasts_[static_cast<std::size_t>(c.segment[i < c.count ? i : 0])];
-        for (std::size_t i = 0; i < c.count; ++i) count_in_middle(c.segment[i], c.from_end_px2[i]);
+        c.contrast.fill(1);
+        for (std::size_t i = 0; i < c.count; ++i) {
+          c.contrast[i] = contrast(c.segment[i]);
+          count_in_middle(c.segment[i], c.from_end_px2[i]);
+        }
         rule_.add(c, T_camera_marker_);
         alignas(64) simd::Lanes squared_px;
         for (std::size_t i = 0; i < simd::kLanes; ++i)
@@ -401,6 +403,8 @@ class EdgeFollower {
     refresh_twist();
     return updated;
   }
+
+  double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }
 
   // Of no use to a rule that does not estimate where an edge's events lie.
   [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {

@@ -230,7 +230,8 @@ class KalmanUpdate {
   // width of an edge.
   static constexpr double kEvaluationSpreads = 8;
   static constexpr double kPixelVariance = 1.0 / 12;  // of a coordinate that is rounded to whole pixels [px^2]
-  static constexpr double kTrailError = 0.25;         // relative, of the trail that the edge's width tells
+  static constexpr double kLeastSpeed = 1e-3, kMostSpeed = 1e6;  // [px/s]
+  static constexpr double kTrailError = 0.25;                    // relative, of the trail that the edge's width tells
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -308,9 +309,9 @@ class KalmanUpdate {
     model_.twist = state_.twist;
     model_.noise_px_per_s = bound_.is_set() ? noise_per_s_ / bound_.events_per_px() : 0;
     const double lever2 = statistics_.lever2();
-    model_.speed_variance =
-        std::max(squared(model_.noise_px_per_s),
-                 statistics_.gradient2() * (state_.translation_variance() + lever2 * state_.rotation_variance()) / 3);
+    const double variance =
+        statistics_.gradient2() * (state_.translation_variance() + lever2 * state_.rotation_variance()) / 3;
+    model_.speed_deviation = std::max({kLeastSpeed, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostSpeed)});
   }
 
   void update_means(int count) noexcept {

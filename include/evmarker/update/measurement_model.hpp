@@ -34,7 +34,8 @@ struct MeasurementModel {
   double robust_px = 1;                   ///< scale of the Cauchy weights
   double spread2_px = 1;                  ///< mean squared residual [px^2]
   Vec6 twist{};                           ///< of the marker [m/s, rad/s]
-  double speed_variance = 0;  ///< of an edge's speed along its normal, by what is not known of `twist` [px^2/s^2]
+  /// Standard deviation of an edge's speed along its normal, by what is not known of `twist`; positive [px/s].
+  double speed_deviation = 1e-3;
   double noise_px_per_s = 0;  ///< speed of an edge that makes as many events as there is noise on it
   double time_direction = 1;  ///< -1 while events come in reverse
 
@@ -72,17 +73,19 @@ struct MeasurementModel {
   // Probability that an event comes from its edge, and is not noise. An edge makes ON events while it moves toward the
   // dark, and OFF events while it moves away from it, in number proportional to its speed.
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
-    const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * std::abs(toward_dark_px_per_s);
-    // About the mean of the speeds above 0, as what is known of the speed has a deviation.
-    const double speed = 0.5 * (x + std::sqrt(x * x + speed_variance));
-    return 1 - noise_px_per_s / (speed + noise_px_per_s + kLeastSpeed);
+    const double absolute = std::abs(toward_dark_px_per_s);
+    const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * absolute;
+    // The mean of max(x, 0), as x is known to `speed_deviation` only, is about max(x, 0) + speed_deviation^2 / b. All
+    // is multiplied by b: one division is enough.
+    const double b = 4 * absolute + 2 * speed_deviation;
+    const double speed_b = 0.5 * (x + absolute) * b + speed_deviation * speed_deviation;
+    return speed_b / (speed_b + noise_px_per_s * b);
   }
 
   // Across an edge of little contrast a step of light is a longer way, and so is what is not known of the step.
   [[gnu::always_inline]] static double contrast_weight(double contrast) noexcept {
     return contrast < 1 ? contrast * contrast : 1;
   }
-  static constexpr double kLeastSpeed = 1e-3;  // [px/s] so that it is defined at rest without noise
   // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
   // fifth is enough to estimate the trail from edges that move along their own direction.
   static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
