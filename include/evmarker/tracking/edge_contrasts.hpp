@@ -20,7 +20,7 @@ class EdgeContrasts {
 
   /// Adds what an edge did in an interval in which it moved.
   /// @param events in the middle half of the edge: blur rounds its ends
-  /// @param swept_px2 area that the middle half swept
+  /// @param swept_px2 area that the middle half swept, in pixels of the sensor
   /// @param length_px of the middle half
   void add(std::size_t edge, double events, double swept_px2, double length_px, bool into_dark) noexcept {
     Edge& e = edges_[edge];
@@ -53,7 +53,7 @@ class EdgeContrasts {
       // As far as the difference stands out against what is not known of it.
       const double difference = std::clamp(edges_[i].contrast() * inverse_mean, kLeast, kMost) - 1;
       const double way_px = edges_[i].swept_px2 / edges_[i].length_px;
-      const double variance = square(kUnknown) + kOfPassage / edges_[i].swept_px2 + square(kEdgeWidth_px / way_px);
+      const double variance = square(kUnknown) + kOfPassage / edges_[i].swept_px2 + square(kWay_px / way_px);
       const double contrast = 1 + difference * square(difference) / (square(difference) + variance);
       if (std::isfinite(contrast)) contrasts_[i] = static_cast<float>(contrast);
     }
@@ -67,9 +67,12 @@ class EdgeContrasts {
   static constexpr double kKnown_px = 3;  // motion after which the contrast of an edge is known well enough
   static constexpr double kHidden = 0.4;  // share of its usual events below which an edge seems to be hidden
   static constexpr double kLeast = 0.2, kMost = 5;
-  static constexpr double kUnknown = 0.05;    // relative error that does not average out: of the swept area
-  static constexpr double kEdgeWidth_px = 4;  // usual: a passage that is begun or not ended counts as one or none
-  static constexpr double kOfPassage = 0.2;   // relative variance of the events of one pixel in one passage
+  // Relative error that does not average out: blur, the matching distance and the lens take events from some edges.
+  static constexpr double kUnknown = 0.15;
+  // Relative error falls with the way: a passage that is begun or not ended counts as one or none, and while the pose
+  // settles, errors of a pixel or two are taken for motion.
+  static constexpr double kWay_px = 20;
+  static constexpr double kOfPassage = 0.2;  // relative variance of the events of one pixel in one passage
 
   static constexpr double square(double x) noexcept { return x * x; }
 
