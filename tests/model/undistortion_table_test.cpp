@@ -97,17 +97,3 @@ TEST_CASE("a camera that cannot be tabulated is refused with the value") {
   CHECK(refusal_of_table({.focal = 0}) == "camera: focal length is 0");
   CHECK(refusal_of_table({.focal = std::numeric_limits<float>::quiet_NaN()}) == "camera: focal length is nan");
 }
-
-TEST_CASE("a pixel covers one pixel of an undistorted image without a lens, and more where a fisheye compresses it") {
-  const UndistortionTable pinhole(PinholeCamera({640, 480}, 500, 500, 319.5, 239.5));
-  const UndistortionTable fisheye(PinholeCamera({640, 480}, 270, 270, 319.5, 239.5, EquidistantDistortion{}));
-  for (const double angle : {0.0, 0.3, 0.6, 0.8}) {
-    const Vec2 m{std::tan(angle), 0.05};
-    if (angle < 0.5) CHECK(pinhole.pixel_area_px2(m) == doctest::Approx(1).epsilon(1e-3));
-    // The image of an angle a lies at f a instead of f tan(a).
-    const double radial = 1 / (std::cos(angle) * std::cos(angle)), across = angle > 0 ? std::tan(angle) / angle : 1;
-    CHECK(fisheye.pixel_area_px2(m) == doctest::Approx(radial * across).epsilon(0.1));
-  }
-  CHECK(fisheye.pixel_area_px2(UndistortionTable::nowhere()) == 1);
-  CHECK(fisheye.pixel_area_px2({1e300, -1e300}) > 0);  // far outside
-}

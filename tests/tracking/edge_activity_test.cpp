@@ -22,12 +22,12 @@ struct Walk {
   EdgeActivity activity{model, kFocalLength};
   Eigen::Vector2d place{0, 0};
 
-  Walk() { activity.log_likelihood_of_loss(model, square_at(0, 0), kNoCounts, kLinesOfSight); }
+  Walk() { activity.log_likelihood_of_loss(model, square_at(0, 0), kNoCounts); }
   std::optional<double> go(const Eigen::Vector2d& way, const std::vector<int>& events) {
     for (std::size_t segment = 0; segment < events.size(); ++segment)
       for (int i = 0; i < events[segment]; ++i) activity.add(static_cast<int>(segment));
     place += way;
-    return activity.log_likelihood_of_loss(model, square_at(place.x(), place.y()), kNoCounts, kLinesOfSight);
+    return activity.log_likelihood_of_loss(model, square_at(place.x(), place.y()), kNoCounts);
   }
 };
 
@@ -35,7 +35,7 @@ struct Walk {
 
 TEST_CASE("the first question only says where the edges are, and too little motion says nothing") {
   EdgeActivity activity(kSquare, kFocalLength);
-  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, square_at(0, 0), kNoCounts, kLinesOfSight));
+  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, square_at(0, 0), kNoCounts));
   CHECK_FALSE(activity.due());
   Walk walk;
   CHECK_FALSE(walk.go({0.5, 0.5}, {400, 400, 0, 400}));
@@ -89,6 +89,6 @@ TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double before = walk.activity.events_per_passage();
-  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, square_at(nan, 0), kNoCounts, kLinesOfSight));
+  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, square_at(nan, 0), kNoCounts));
   CHECK(walk.activity.events_per_passage() == before);
 }

@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/simulation/trajectory.hpp"
 
 namespace evmarker::test {
@@ -11,7 +10,6 @@ namespace evmarker::test {
 constexpr double kFocalLength = 533;
 inline const MarkerModel kSquare = make_square_marker(0.1);  // top, right, bottom, left: 89 px each
 
-inline const UndistortionTable kLinesOfSight(PinholeCamera{{640, 480}, kFocalLength, kFocalLength, 319.5, 239.5});
 inline const std::vector<std::uint32_t> kNoCounts(4);  // of events in the middle of its edges
 
 inline Eigen::Isometry3d square_at(double x_px, double y_px) {

@@ -34,7 +34,7 @@ struct MovingSquare {
       : health(model, kFocalLength, {.false_alarm_rate = false_alarm_rate}), random(seed), square(model) {
     health.restart(0);
     health.judge_verification(true);
-    health.judge_edges(square, square_at(0, 0), kNoCounts, kLinesOfSight);
+    health.judge_edges(square, square_at(0, 0), kNoCounts);
   }
 
   int poisson(double mean) { return mean > 0 ? std::poisson_distribution<int>(mean)(random) : 0; }
@@ -52,7 +52,7 @@ struct MovingSquare {
     t += dt_us;
     interleave(left, near, dt_us);
     place += (steps++ / 40) % 2 == 0 ? step_px : -step_px;
-    if (health.edges_due()) health.judge_edges(square, square_at(place, place), kNoCounts, kLinesOfSight);
+    if (health.edges_due()) health.judge_edges(square, square_at(place, place), kNoCounts);
   }
 
   // As a tracker: judged whenever enough have come.
@@ -248,7 +248,7 @@ TEST_CASE("a pose that was moved without events is no evidence") {
   for (int i = 0; i < 20; ++i) {
     scene.place += 30;
     scene.health.restart_edges();
-    scene.health.judge_edges(kSquare, square_at(scene.place, scene.place), kNoCounts, kLinesOfSight);
+    scene.health.judge_edges(kSquare, square_at(scene.place, scene.place), kNoCounts);
   }
   CHECK(scene.health.probability() == before);
   for (int i = 0; i < 100; ++i) scene.move();

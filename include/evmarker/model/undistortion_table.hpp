@@ -1,11 +1,7 @@
 #pragma once
 // A table of the lines of sight of all pixels: a look-up for each event in place of a computation.
 #include <Eigen/Core>
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -40,7 +36,6 @@ class UndistortionTable {
         if (const Vec2 line{lines->back().x, lines->back().y}; is_finite(line)) image_.extend(line);
       }
     lines_ = std::move(lines);
-    measure_pixels();
   }
 
   SensorSize sensor_size() const noexcept { return size_; }
@@ -56,11 +51,6 @@ class UndistortionTable {
     const Line& line = (*lines_)[pixel(event)];
     return {line.x, line.y};
   }
-
-  /// Area that a pixel of the sensor covers in the undistorted image, whose focal length is `focal_length()` [px^2]: 1
-  /// in the middle, more where a lens compresses the image. Exact to how it varies over a 32nd of the image.
-  /// @param m line of sight (X/Z, Y/Z)
-  double pixel_area_px2(Vec2 m) const noexcept { return is_finite(m) ? (*pixel_areas_)[cell(m)] : 1; }
 
   /// Prefetches the memory for the line of sight of an event, which must lie on the sensor.
   void prefetch(const Event& event) const noexcept { __builtin_prefetch(&(*lines_)[pixel(event)]); }
@@ -79,39 +69,9 @@ class UndistortionTable {
     return static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
   }
 
-  // Means over the cells of a grid, of a sample of pixels; 1 in cells without any.
-  void measure_pixels() {
-    const int step = std::max(1, std::min(size_.width, size_.height) / (4 * kCells));
-    std::array<double, kCells * kCells> counts{};
-    auto areas = std::make_shared<std::array<double, kCells * kCells>>();
-    const auto at = [&](int x, int y) {
-      return (*this)(Event{.x = static_cast<std::uint16_t>(x), .y = static_cast<std::uint16_t>(y)});
-    };
-    for (int y = 0; y + 1 < size_.height; y += step)
-      for (int x = 0; x + 1 < size_.width; x += step) {
-        const Vec2 m = at(x, y), right = at(x + 1, y) - m, down = at(x, y + 1) - m;
-        const double area = focal_length_ * focal_length_ * std::abs(right.x * down.y - right.y * down.x);
-        if (!std::isfinite(area)) continue;
-        (*areas)[cell(m)] += area;
-        ++counts[cell(m)];
-      }
-    for (std::size_t i = 0; i < counts.size(); ++i) (*areas)[i] = counts[i] > 0 ? (*areas)[i] / counts[i] : 1;
-    pixel_areas_ = std::move(areas);
-  }
-
-  std::size_t cell(Vec2 m) const noexcept {
-    const auto part = [](double place, double low, double width) {
-      return width > 0 ? static_cast<std::size_t>(std::clamp(kCells * (place - low) / width, 0.0, kCells - 1.0)) : 0;
-    };
-    return kCells * part(m.y, image_.low.y, image_.height()) + part(m.x, image_.low.x, image_.width());
-  }
-
-  static constexpr int kCells = 32;  // of the grid, along each side of the image
-
   SensorSize size_;
   double focal_length_;
   Box image_;
-  std::shared_ptr<const std::array<double, kCells * kCells>> pixel_areas_;
   std::shared_ptr<const std::vector<Line>> lines_;
 };
 

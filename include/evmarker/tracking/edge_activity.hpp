@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "evmarker/model/marker_model.hpp"
-#include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/edge_contrasts.hpp"
 
 namespace evmarker {
@@ -49,10 +48,8 @@ class EdgeActivity {
   /// likelier these events are if half of the edges are hidden than if all are in sight; nothing before the wireframe
   /// has moved by about a pixel, and events then keep counting. Measures the contrasts of the edges, too.
   /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
-  /// @param lines_of_sight of the camera: events are made by its pixels, which a lens may have compressed
   std::optional<double> log_likelihood_of_loss(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
-                                               std::span<const std::uint32_t> middle_events,
-                                               const UndistortionTable& lines_of_sight) noexcept {
+                                               std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
     double swept_px2 = 0, length_px = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
@@ -68,7 +65,7 @@ class EdgeActivity {
       return std::nullopt;
     }
     const double evidence = evaluate(swept_px2);
-    measure_contrasts(middle_events, lines_of_sight);
+    measure_contrasts(middle_events);
     restart(true, middle_events);
     return evidence;
   }
@@ -171,14 +168,12 @@ class EdgeActivity {
     return way.y() * end_[i].along.x() - way.x() * end_[i].along.y();
   }
 
-  void measure_contrasts(std::span<const std::uint32_t> middle_events,
-                         const UndistortionTable& lines_of_sight) noexcept {
+  void measure_contrasts(std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) {
       const double length_px = end_[i].along.norm(), swept = swept_to_right(i);
       if (end_[i].dark == 0 || length_px < kLong_px || !(std::abs(swept) > kJitter_px * length_px)) continue;
-      const double pixel_px2 = lines_of_sight.pixel_area_px2(Vec2(end_[i].middle / focal_length_));
-      contrasts_.add(i, middle_events[i] - middle_events_[i], std::abs(swept) / 2 / pixel_px2,
-                     length_px / 2 / std::sqrt(pixel_px2), swept * end_[i].dark > 0);
+      contrasts_.add(i, middle_events[i] - middle_events_[i], std::abs(swept) / 2, length_px / 2,
+                     swept * end_[i].dark > 0);
     }
     contrasts_.evaluate();
   }

@@ -16,11 +16,11 @@ namespace evmarker {
 /// same way: into their dark side, which makes ON events, or out of it.
 class EdgeContrasts {
  public:
-  explicit EdgeContrasts(std::size_t edges) : edges_(edges), contrasts_(edges, 1.0f) {}
+  explicit EdgeContrasts(std::size_t edges) : edges_(edges), difference_(edges), contrasts_(edges, 1.0f) {}
 
   /// Adds what an edge did in an interval in which it moved.
   /// @param events in the middle half of the edge: blur rounds its ends
-  /// @param swept_px2 area that the middle half swept, in pixels of the sensor
+  /// @param swept_px2 area that the middle half swept
   /// @param length_px of the middle half
   void add(std::size_t edge, double events, double swept_px2, double length_px, bool into_dark) noexcept {
     Edge& e = edges_[edge];
@@ -48,15 +48,17 @@ class EdgeContrasts {
       length_px += e.length_px;
     }
     const double inverse_mean = contrast_px > 0 ? length_px / contrast_px : 0;
+    double squares_px = 0;
     for (std::size_t i = 0; i < edges_.size(); ++i) {
-      if (!(edges_[i].swept_px2 > 0)) continue;
-      // As far as the difference stands out against what is not known of it.
-      const double difference = std::clamp(edges_[i].contrast() * inverse_mean, kLeast, kMost) - 1;
-      const double way_px = edges_[i].swept_px2 / edges_[i].length_px;
-      const double variance = square(kUnknown) + kOfPassage / edges_[i].swept_px2 + square(kWay_px / way_px);
-      const double contrast = 1 + difference * square(difference) / (square(difference) + variance);
-      if (std::isfinite(contrast)) contrasts_[i] = static_cast<float>(contrast);
+      difference_[i] = difference(edges_[i], inverse_mean);
+      squares_px += square(difference_[i]) * edges_[i].length_px;
     }
+    // All edges of most markers have one contrast. What seems to be a difference there is error, and stays small.
+    const double spread2 = length_px > 0 ? squares_px / length_px : 0;
+    const double uneven = square(spread2) / (square(spread2) + square(square(kEven)));
+    for (std::size_t i = 0; i < edges_.size(); ++i)
+      if (const double contrast = 1 + uneven * difference_[i]; std::isfinite(contrast))
+        contrasts_[i] = static_cast<float>(contrast);
   }
 
   /// Of each edge, 1 in the mean.
@@ -67,11 +69,11 @@ class EdgeContrasts {
   static constexpr double kKnown_px = 3;  // motion after which the contrast of an edge is known well enough
   static constexpr double kHidden = 0.4;  // share of its usual events below which an edge seems to be hidden
   static constexpr double kLeast = 0.2, kMost = 5;
-  // Relative error that does not average out: blur, the matching distance and the lens take events from some edges.
-  static constexpr double kUnknown = 0.15;
+  static constexpr double kEven = 0.15;    // root mean square of the differences from which on they are half believed
+  static constexpr double kUnknown = 0.1;  // relative error that does not average out
   // Relative error falls with the way: a passage that is begun or not ended counts as one or none, and while the pose
   // settles, errors of a pixel or two are taken for motion.
-  static constexpr double kWay_px = 20;
+  static constexpr double kWay_px = 10;
   static constexpr double kOfPassage = 0.2;  // relative variance of the events of one pixel in one passage
 
   static constexpr double square(double x) noexcept { return x * x; }
@@ -85,8 +87,18 @@ class EdgeContrasts {
     double contrast() const noexcept { return expected > 0 ? events / expected : 1; }
   };
 
+  // Of an edge's contrast from the mean, as far as it stands out against what is not known of it.
+  static double difference(const Edge& edge, double inverse_mean) noexcept {
+    if (!(edge.swept_px2 > 0)) return 0;
+    const double measured = std::clamp(edge.contrast() * inverse_mean, kLeast, kMost) - 1;
+    const double variance =
+        square(kUnknown) + kOfPassage / edge.swept_px2 + square(kWay_px * edge.length_px / edge.swept_px2);
+    return measured * square(measured) / (square(measured) + variance);
+  }
+
   std::array<Sums, 2> all_{};  // of edges that move out of their dark side, and into it
   std::vector<Edge> edges_;
+  std::vector<double> difference_;
   std::vector<float> contrasts_;
 };
 

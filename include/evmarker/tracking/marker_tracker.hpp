@@ -306,7 +306,7 @@ class MarkerTracker {
   // passed.
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
-    health_.judge_edges(model(), T_camera_marker(), follower_.middle_events(), lines_of_sight_);
+    health_.judge_edges(model(), T_camera_marker(), follower_.middle_events());
     if (state_ == TrackingState::tracking && health_.events_per_passage() > 0) {
       follower_.set_events_per_passage(health_.events_per_passage());
       follower_.set_contrasts(health_.contrasts());

@@ -94,10 +94,10 @@ class TrackHealth {
   /// True once the edges have made events enough to be judged.
   bool edges_due() const noexcept { return activity_.due(); }
   /// Judges each edge's events since the last call, if the wireframe has moved.
-  /// Parameters as of EdgeActivity.
+  /// @param middle_events see EdgeFollower
   void judge_edges(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
-                   std::span<const std::uint32_t> middle_events, const UndistortionTable& lines_of_sight) noexcept {
-    const auto evidence = activity_.log_likelihood_of_loss(model, T_camera_marker, middle_events, lines_of_sight);
+                   std::span<const std::uint32_t> middle_events) noexcept {
+    const auto evidence = activity_.log_likelihood_of_loss(model, T_camera_marker, middle_events);
     if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
   }
   /// Forgets the edges' events since the last judgement: the pose has moved for another reason than the marker's
