@@ -16,7 +16,7 @@ namespace evmarker {
 /// same way: into their dark side, which makes ON events, or out of it.
 class EdgeContrasts {
  public:
-  explicit EdgeContrasts(std::size_t edges) : edges_(edges), difference_(edges), contrasts_(edges, 1.0f) {}
+  explicit EdgeContrasts(std::size_t edges) : edges_(edges), differences_(edges), contrasts_(edges, 1.0f) {}
 
   /// Adds what an edge did in an interval in which it moved.
   /// @param events in the middle half of the edge: blur rounds its ends
@@ -50,14 +50,14 @@ class EdgeContrasts {
     const double inverse_mean = contrast_px > 0 ? length_px / contrast_px : 0;
     double squares_px = 0;
     for (std::size_t i = 0; i < edges_.size(); ++i) {
-      difference_[i] = difference(edges_[i], inverse_mean);
-      squares_px += square(difference_[i]) * edges_[i].length_px;
+      differences_[i] = difference(edges_[i], inverse_mean);
+      squares_px += square(differences_[i]) * edges_[i].length_px;
     }
     // All edges of most markers have one contrast. What seems to be a difference there is error, and stays small.
     const double spread2 = length_px > 0 ? squares_px / length_px : 0;
     const double uneven = square(spread2) / (square(spread2) + square(square(kEven)));
     for (std::size_t i = 0; i < edges_.size(); ++i)
-      if (const double contrast = 1 + uneven * difference_[i]; std::isfinite(contrast))
+      if (const double contrast = 1 + uneven * differences_[i]; std::isfinite(contrast))
         contrasts_[i] = static_cast<float>(contrast);
   }
 
@@ -98,7 +98,7 @@ class EdgeContrasts {
 
   std::array<Sums, 2> all_{};  // of edges that move out of their dark side, and into it
   std::vector<Edge> edges_;
-  std::vector<double> difference_;
+  std::vector<double> differences_;  // see difference()
   std::vector<float> contrasts_;
 };
 
