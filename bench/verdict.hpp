@@ -8,9 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/base/so3.hpp"
 #include "evmarker/evaluation/accuracy.hpp"
-#include "evmarker/model/information.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "scenarios.hpp"
 
@@ -21,7 +19,6 @@ struct JudgedPose {
   Timestamp t = 0;
   TrackingState state = TrackingState::tracking;
   PoseError error;
-  /// Squared error in units of the pose's own covariance, per degree of freedom: 1 where the covariance is right.
   double nees = std::numeric_limits<double>::quiet_NaN();
 
   bool tracking() const { return state == TrackingState::tracking; }
@@ -29,14 +26,7 @@ struct JudgedPose {
 };
 
 inline JudgedPose judge(const PoseEstimate& pose, const Eigen::Isometry3d& truth) {
-  JudgedPose judged{pose.t, pose.quality.state, pose_error(pose.T_camera_marker, truth)};
-  if (const Matrix6d information = evmarker::information(pose); information.diagonal().minCoeff() > 0) {
-    Vector6d error;
-    error << truth.translation() - pose.T_camera_marker.translation(),
-        so3_log(truth.linear() * pose.T_camera_marker.linear().transpose());
-    judged.nees = error.dot(information * error) / 6;
-  }
-  return judged;
+  return {pose.t, pose.quality.state, pose_error(pose.T_camera_marker, truth), nees(pose, truth)};
 }
 
 /// All results of a method on one recording.

@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -120,6 +121,22 @@ TEST_CASE("a pose that is no number is wild and infinitely wrong") {
     CHECK(spread.max == std::numeric_limits<double>::infinity());
     CHECK(spread.median == doctest::Approx(rotation ? 1 : 10));
   }
+}
+
+TEST_CASE("the error in units of the stated covariance, worked by hand") {
+  PoseEstimate pose = off_by(3, 0);  // (2, -1, 2) mm
+  CHECK(std::isnan(nees(pose, kTruth)));
+  Vector6d sigma;
+  sigma << 1e-3, 1e-3, 2e-3, 0.1, 0.1, 0.1;
+  pose.covariance = sigma.cwiseAbs2().asDiagonal();
+  CHECK(nees(pose, kTruth) == doctest::Approx((4 + 1 + 1) / 6.0));
+  PoseEstimate turned = off_by(0, 9);  // (1, 2, -2) / 3 times 9 deg
+  turned.covariance = pose.covariance;
+  CHECK(nees(turned, kTruth) == doctest::Approx(std::pow(9 * std::numbers::pi / 180 / 0.1, 2) / 6));
+  AccuracyMeter meter;
+  for (const PoseEstimate& added : {pose, turned, off_by(3, 0)}) meter.add(added, kTruth);
+  CHECK(meter.nees().max == doctest::Approx(1));
+  CHECK(meter.nees().mean == doctest::Approx((nees(pose, kTruth) + nees(turned, kTruth)) / 2));  // the third has none
 }
 
 TEST_CASE("coverage is the share of whole slots that hold a tracking pose") {

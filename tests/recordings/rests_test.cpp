@@ -1,6 +1,5 @@
 #include <doctest/doctest.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <string>
 #include <vector>
@@ -27,14 +26,6 @@ Trajectory moves_and_rests(double rest_s, std::uint64_t seed) {
   const Trajectory sway = trajectory::handheld(
       {.T_centre = facing_pose({0, 0, 0.5}), .amplitude_m = {0.06, 0.04, 0.06}, .frequency_hz = 1.3, .seed = seed});
   return trajectory::stop_and_go(sway, {{kMove_s, rest_s}, {kMove_s, 0}});
-}
-
-// Error and stated covariance, per degree of freedom.
-double nees(const PoseEstimate& pose, const Eigen::Isometry3d& truth) {
-  const Eigen::AngleAxisd turn(truth.linear() * pose.T_camera_marker.linear().transpose());
-  Vector6d error;
-  error << truth.translation() - pose.T_camera_marker.translation(), turn.angle() * turn.axis();
-  return error.dot(pose.covariance->ldlt().solve(error)) / 6;
 }
 
 // What one tracker tells at the end of a rest, asked for it then, and of the motion after it.

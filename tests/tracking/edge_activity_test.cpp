@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
 #include <vector>
@@ -72,6 +73,42 @@ TEST_CASE("an edge on a side that is turned away is not missed") {
   walk.activity = EdgeActivity(walk.model, kFocalLength);
   walk.go({0, 0}, {});
   for (int i = 0; i < 5; ++i) CHECK(walk.go({3, 3}, {800, 800, 800, 0}).value() < 0);
+}
+
+TEST_CASE("events of a side that is seen at a grazing angle are no events of the sides in full sight") {
+  // The square is the front of a body. Its other side is nearly turned away, and makes as many events.
+  Walk walk;
+  const Eigen::Vector3d grazing(0.98, 0, 0.199);
+  for (int i = 0; i < 4; ++i) {
+    MarkerSegment segment = walk.model.segments[static_cast<std::size_t>(i)];
+    segment.face_normal = grazing;
+    walk.model.segments.push_back(segment);
+  }
+  walk.activity = EdgeActivity(walk.model, kFocalLength);
+  walk.go({0, 0}, {});
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800, 800, 800, 800, 800});
+  CHECK(walk.activity.events_per_passage() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02).scale(0));
+}
+
+TEST_CASE(
+    "a marker that is seen at a grazing angle says nothing, and its events are counted again when it turns back") {
+  Walk walk;
+  for (auto& segment : walk.model.segments) segment.face_normal = Eigen::Vector3d::UnitZ();
+  walk.activity = EdgeActivity(walk.model, kFocalLength);
+  walk.go({0, 0}, {});
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  const double before = walk.activity.events_per_passage();
+  for (const double x : {20.0, 25.0, 30.0}) {
+    for (int i = 0; i < 1000; ++i) walk.activity.add(i % 4);
+    Eigen::Isometry3d grazing = square_at(x, 20);
+    grazing.rotate(Eigen::AngleAxisd(1.4, Eigen::Vector3d::UnitY()));
+    CHECK_FALSE(walk.activity.log_likelihood_of_loss(walk.model, grazing, kNoCounts));
+    CHECK_FALSE(walk.activity.due());
+    CHECK(walk.activity.events_per_passage() == before);
+  }
+  CHECK_FALSE(walk.go({40, 40}, {800, 800, 800, 800}));  // the way back is not known
+  CHECK(walk.go({3, 3}, {800, 800, 800, 800}).value() < 0);
+  CHECK(walk.activity.events_per_passage() == doctest::Approx(before).epsilon(0.01).scale(0));
 }
 
 TEST_CASE("a pose that moved without events says nothing, for no edge confirms the motion") {

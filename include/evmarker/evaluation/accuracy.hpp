@@ -13,7 +13,9 @@
 #include <vector>
 
 #include "evmarker/base/so3.hpp"
+#include "evmarker/model/information.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 
 namespace evmarker {
 
@@ -26,6 +28,15 @@ struct PoseError {
 inline PoseError pose_error(const Eigen::Isometry3d& estimate, const Eigen::Isometry3d& truth) {
   return {1e3 * norm(translation(estimate) - translation(truth)),
           180 / std::numbers::pi * geodesic_angle(estimate.linear(), truth.linear())};
+}
+
+/// Squared error of an estimated pose in units of its own covariance, per degree of freedom (the normalised estimation
+/// error squared, NEES): 1 on average where the covariance is right, NaN where none is stated.
+inline double nees(const PoseEstimate& estimate, const Eigen::Isometry3d& truth) {
+  const Matrix6d information = evmarker::information(estimate);
+  if (!(information.diagonal().minCoeff() > 0)) return std::numeric_limits<double>::quiet_NaN();
+  const Vector6d error = pose_difference(estimate.T_camera_marker, truth);
+  return error.dot(information * error) / 6;
 }
 
 /// Mean, median, 95th percentile and maximum of a sample; all zero for an empty one.
@@ -64,6 +75,8 @@ class AccuracyMeter {
       if (std::isnan(*value)) *value = std::numeric_limits<double>::infinity();
     translation_mm_.push_back(error.translation_mm);
     rotation_deg_.push_back(error.rotation_deg);
+    if (const double normalised = evmarker::nees(estimate, truth); std::isfinite(normalised))
+      nees_.push_back(normalised);
     wild_ += error.translation_mm > 50 || error.rotation_deg > 20;
     if (estimate.t >= first_t_) slots_.push_back((estimate.t - first_t_) / slot_us_);
   }
@@ -75,6 +88,7 @@ class AccuracyMeter {
   Timestamp first_t() const noexcept { return first_t_; }  ///< of the first pose in any state [us]
   Spread translation_mm() const { return Spread::of(translation_mm_); }
   Spread rotation_deg() const { return Spread::of(rotation_deg_); }
+  Spread nees() const { return Spread::of(nees_); }  ///< of the poses that state a covariance
 
   /// Share of the whole slots from the first pose to `end` [us] that contain a `tracking` pose; 0 if there is no slot.
   double coverage(Timestamp end) const {
@@ -91,7 +105,7 @@ class AccuracyMeter {
   Timestamp slot_us_;
   Timestamp first_t_ = 0;
   std::size_t all_ = 0, lost_ = 0, wild_ = 0;
-  std::vector<double> translation_mm_, rotation_deg_;
+  std::vector<double> translation_mm_, rotation_deg_, nees_;
   std::vector<Timestamp> slots_;  // of every `tracking` pose, the number of its slot
 };
 

@@ -53,11 +53,16 @@ class EdgeActivity {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
     double swept_px2 = 0, length_px = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
+      if (!in_sight(i)) continue;
       swept_px2 += swept(i);
       length_px += end_[i].along.norm();
     }
-    if (!started_ || !std::isfinite(swept_px2)) {
-      restart(!started_, middle_events);
+    if (!std::isfinite(swept_px2)) {
+      restart();
+      return std::nullopt;
+    }
+    if (length_px == 0) {
+      begin_interval(middle_events);
       return std::nullopt;
     }
     if (swept_px2 < kDistance * length_px) {
@@ -66,7 +71,7 @@ class EdgeActivity {
     }
     const double evidence = evaluate(swept_px2);
     measure_contrasts(middle_events);
-    restart(true, middle_events);
+    begin_interval(middle_events);
     return evidence;
   }
 
@@ -77,7 +82,10 @@ class EdgeActivity {
   std::span<const float> contrasts() const noexcept { return contrasts_.contrasts(); }
 
   /// Forgets the events since the last evaluation; a new interval begins at the next one.
-  void restart() noexcept { restart(false, {}); }
+  void restart() noexcept {
+    forget_events();
+    std::ranges::fill(begin_, Edge());
+  }
 
  private:
   static constexpr double kDistance = 1;      // [px] mean motion of the edges that is enough to evaluate them
@@ -102,6 +110,7 @@ class EdgeActivity {
   double evaluate(double swept_px2) noexcept {
     double all = 0, by_events = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
+      if (!in_sight(i)) continue;
       all += events_[i];
       if (swept(i) > 0) by_events += events_[i] * std::min(1.0, events_[i] / (rate(i) * swept(i)));
     }
@@ -159,11 +168,14 @@ class EdgeActivity {
     return {(from + to) / 2, to - from, dark};
   }
 
+  // True if an edge was in sight at the begin of the interval, and is at its end.
+  bool in_sight(std::size_t i) const noexcept { return !begin_[i].along.isZero() && !end_[i].along.isZero(); }
+
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
   double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
   // The same, positive if the edge moved to the right of its direction.
   double swept_to_right(std::size_t i) const noexcept {
-    if (begin_[i].along.isZero()) return 0;  // it has just come into sight
+    if (!in_sight(i)) return 0;
     const Eigen::Vector2d way = end_[i].middle - begin_[i].middle;
     return way.y() * end_[i].along.x() - way.x() * end_[i].along.y();
   }
@@ -178,13 +190,16 @@ class EdgeActivity {
     contrasts_.evaluate();
   }
 
-  // Begins a new interval: with the edges in `end_` if `from_here`, else with those at the next evaluation.
-  void restart(bool from_here, std::span<const std::uint32_t> middle_events) noexcept {
-    started_ = from_here;
-    total_ = 0;
-    std::fill(events_.begin(), events_.end(), 0);
+  // Begins a new interval with the edges in `end_`.
+  void begin_interval(std::span<const std::uint32_t> middle_events) noexcept {
+    forget_events();
     std::swap(begin_, end_);
     std::ranges::copy(middle_events, middle_events_.begin());
+  }
+
+  void forget_events() noexcept {
+    total_ = 0;
+    std::ranges::fill(events_, 0);
   }
 
   double focal_length_;
@@ -194,10 +209,9 @@ class EdgeActivity {
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
   EdgeContrasts contrasts_;
-  std::vector<Edge> begin_, end_;  // the edges at the begin and the end of the interval
+  std::vector<Edge> begin_, end_;  // the edges at the begin and the end of the interval; none before the first
   double density_ = 0;             // events per swept area [1/px^2], 0 before the first evaluation
   int total_ = 0;                  // events since `due()` was last reset
-  bool started_ = false;           // `begin_` is valid
 };
 
 }  // namespace evmarker

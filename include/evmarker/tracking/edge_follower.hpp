@@ -16,6 +16,7 @@
 #include "evmarker/matching/model_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
+#include "evmarker/tracking/edge_length.hpp"
 #include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
@@ -67,6 +68,7 @@ class EdgeFollower {
       : events_per_update_(settings.events_per_update == kAutomatic ? kMostEvents : settings.events_per_update),
         adapts_events_per_update_(settings.events_per_update == kAutomatic),
         matcher_(std::move(model), focal_length, settings.matching),
+        edge_length_(matcher_.model(), focal_length),
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
         polarity_check_(settings.polarity_check),
@@ -79,8 +81,6 @@ class EdgeFollower {
       throw std::invalid_argument("T_camera_marker is no rotation and translation");
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
-    for (const MarkerSegment& segment : matcher_.model().segments)
-      edge_length_m_ += norm(vertex(segment.to) - vertex(segment.from));
     set_events_per_update(events_per_update_);
     adapt_to_distance();
   }
@@ -132,8 +132,9 @@ class EdgeFollower {
   /// pose. To be called directly after an update, while nothing has been collected.
   void set_events_per_passage(double events) noexcept {
     if constexpr (requires { rule_.measure_trail(T_camera_marker_, events); }) {
-      rule_.bound_motion_by_events(events * length_px(), events);
-      if (std::exchange(events_per_passage_, events) > 0) return;
+      const bool known = std::exchange(events_per_passage_, events) > 0;
+      bound_motion(length_px());
+      if (known) return;
       rule_.measure_trail(T_camera_marker_, events);
       start_from(T_camera_marker_);
     } else if constexpr (requires { rule_.set_trail_by_events_per_passage(events, matcher_.focal_length()); }) {
@@ -224,6 +225,7 @@ class EdgeFollower {
     if constexpr (NoiseAwareRule<Rule>)
       if (std::abs(length_px - measured_length_px_) > length_px / 8) measure_matching_share(length_px);
     choice_lifetime_.begin(length_px, events_per_update_);
+    bound_motion(length_px);
   }
 
   // Measures, with quasi-random points, which share of the area near the edges is matched: the share of a uniform
@@ -245,18 +247,18 @@ class EdgeFollower {
     measured_length_px_ = length_px;
   }
 
-  // Of all edges, as if seen from the front.
-  double length_px() const noexcept {
-    return matcher_.focal_length() * edge_length_m_ / translation(T_camera_marker_).z;
+  void bound_motion(double length_px) noexcept {
+    if constexpr (MotionBoundingRule<Rule>)
+      if (events_per_passage_ > 0) rule_.bound_motion_by_events(events_per_passage_ * length_px, events_per_passage_);
   }
+
+  double length_px() const noexcept { return edge_length_.px(T_camera_marker_); }
 
   void set_events_per_update(int events) noexcept {
     events_per_update_ = events;
     rule_.set_events_per_update(events);
     adds_in_batches_ = BatchUpdateRule<Rule> && events >= kFewestForBatch && !polarity_check_;
   }
-
-  Vec3 vertex(int number) const noexcept { return matcher_.model().vertices[static_cast<std::size_t>(number)]; }
 
   // For how many events to choose edges in one batch: as many as may still be matched until edges are chosen anew, a
   // quarter more for those that match none, in whole lanes. Choices for later ones would be outdated before use.
@@ -422,6 +424,7 @@ class EdgeFollower {
   bool adapts_events_per_update_;
   double events_per_passage_ = 0;  // 0: not known
   ModelMatcher matcher_;
+  EdgeLength edge_length_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;
   bool in_front_ = true;
@@ -433,7 +436,6 @@ class EdgeFollower {
   bool may_rest_ = false;
   double measured_length_px_ = 0;  // of the edges when the matching share was measured
   bool adds_in_batches_ = false;
-  double edge_length_m_ = 0;  // of the model
   ChoiceLifetime choice_lifetime_;
   bool polarity_check_;
   double polarity_check_px_per_s_;
