@@ -60,7 +60,9 @@ class EdgeLength {
       return norm(side.normal - normal) < kSame && std::abs(side.distance - distance) < kSame;
     };
     const auto known = std::ranges::find_if(sides_, same);
-    return known != sides_.end() ? *known : sides_.emplace_back(normal, distance);
+    if (known != sides_.end()) return *known;
+    sides_.push_back({.normal = normal, .distance = distance});
+    return sides_.back();
   }
 
   double focal_length_;
