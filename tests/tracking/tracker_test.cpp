@@ -751,6 +751,42 @@ TEST_CASE("of a planar marker's two poses, the events choose the right one") {
   CHECK(meter.wild() == 0);
 }
 
+TEST_CASE("motion that hardly shows in the image is followed: along the line of sight, and nodding") {
+  if (kSanitized) return;
+  const auto tracked = [](const Trajectory& motion, std::uint64_t seed) {
+    Tracker tracker(simulated::camera, TrueDetector{motion});
+    AccuracyMeter meter;
+    tracker.push(simulated::near_events(motion, 2, seed),
+                 [&](const PoseEstimate& pose) { meter.add(pose, motion(seconds(pose.t))); });
+    MESSAGE("seed " << seed << ": " << meter.translation_mm().mean << " mm, " << meter.rotation_deg().mean
+                    << " deg, at most " << meter.translation_mm().max << " mm, " << meter.rotation_deg().max
+                    << " deg, NEES " << meter.nees().mean);
+    return meter;
+  };
+  constexpr double kTurn = 2 * std::numbers::pi;
+  for (const std::uint64_t seed : {1u, 2u, 3u}) {
+    CAPTURE(seed);
+    const AccuracyMeter along = tracked(
+        [=](double t) {
+          return facing_pose({0.02, 0.01, 1 + 0.4 * std::cos(kTurn * t)});
+        },
+        seed);
+    CHECK(along.tracking() > 2000);
+    CHECK(along.wild() == 0);
+    CHECK(along.translation_mm().mean < 3);
+    CHECK(along.nees().mean < 3);
+    const AccuracyMeter nodding = tracked(
+        [=](double t) {
+          return facing_pose({0.02, 0.01, 0.6}, {0.5 * std::sin(2 * kTurn * t), 0, 0});
+        },
+        seed);
+    CHECK(nodding.tracking() > 1500);
+    CHECK(nodding.wild() == 0);
+    CHECK(nodding.rotation_deg().mean < 0.9);
+    CHECK(nodding.nees().mean < 6);
+  }
+}
+
 TEST_CASE("settings out of range are named") {
   const auto make = [](const TrackerSettings<>& settings) {
     return Tracker(simulated::camera, TrueDetector{trajectory::still(facing_pose({0, 0, 1}))}, settings);

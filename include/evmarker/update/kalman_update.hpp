@@ -8,6 +8,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
+#include "evmarker/update/edge_gradients.hpp"
 #include "evmarker/update/edge_scatter.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
@@ -267,6 +268,7 @@ class KalmanUpdate {
 
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight) noexcept {
     edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
+    gradients_.add({row[0], row[1], row[2], row[3], row[4], row[5]});
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
     if (signal_weight_ == 1) response_time_.add(row[kResidual], px_per_s);  // noise at rest spreads anywhere
@@ -352,15 +354,24 @@ class KalmanUpdate {
   // Density of the white acceleration along each axis.
   std::array<double, 6> acceleration() const noexcept { return noise_.density(edge_speed(), statistics_.lever2()); }
 
-  // Bounds the motion of the edges during dt by the number of events. If the velocity takes the edges beyond the bound,
-  // or the standard deviation of its translational part does, it is scaled down to it.
+  // Bounds the motion of the edges during dt by the number of events. If the velocity moves them beyond the bound, or
+  // its standard deviation does, it is scaled down to it.
   void limit_motion(int events, double dt) noexcept {
     bound_.lift();
     if (!(bound_.is_set() && statistics_.known())) return;
-    bound_.measure(events, std::sqrt(statistics_.gradient2()));
-    const double sigma = std::sqrt(state_.translation_variance());
-    const double expected_m = motion(dt).pose_by_velocity * std::max(edge_speed().all, sigma);
-    if (expected_m > bound_.most_m()) state_.scale_velocity(bound_.most_m() / expected_m);
+    const double lever2 = statistics_.lever2();
+    bound_.measure(events, dt, noise_per_s_, statistics_.share(), std::sqrt(statistics_.gradient2()));
+    const double by_velocity = motion(dt).pose_by_velocity;
+    // Edges move in the image by no more than they do in space, which is faster to compute.
+    const double sigma = std::sqrt(state_.translation_variance() + lever2 * state_.rotation_variance());
+    if (by_velocity * std::max(edge_speed().all, sigma) <= bound_.most_m() || !gradients_.known()) return;
+    const std::array<double, 6> v = state_.twist.array();
+    const double mean2 = gradients_.px2([&](std::size_t k, std::size_t i) { return v[k] * v[i]; });
+    const double variance = gradients_.px2([&](std::size_t k, std::size_t i) {
+      return state_.P.xx(6 + static_cast<Eigen::Index>(k), 6 + static_cast<Eigen::Index>(i));
+    });
+    const double expected_px = by_velocity * std::sqrt(std::max(mean2, variance));
+    if (expected_px > bound_.most_px()) state_.scale_velocity(bound_.most_px() / expected_px);
   }
 
   // The motion over dt, with its process noise q limited to what is possible.
@@ -406,6 +417,7 @@ class KalmanUpdate {
   VelocityMemory velocity_memory_;
   double velocity_memory_s_ = settings_.velocity_memory_s;  // now
   EdgeScatter edges_;
+  EdgeGradients gradients_;
   ResponseTime response_time_;
   unsigned sampled_ = 0;  // events added one by one
   double moved_px_ = 0;   // by the edges, since the residuals were evaluated

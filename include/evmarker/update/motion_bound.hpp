@@ -9,7 +9,7 @@
 
 namespace evmarker {
 
-/// Bounds the motion of the edges by the number of events, noise among them: few events mean little motion.
+/// Bounds the motion of the edges by the number of events: few events mean little motion.
 class MotionBound {
  public:
   /// Switches the bound on.
@@ -24,18 +24,37 @@ class MotionBound {
   double events_per_passage() const noexcept { return events_per_passage_; }
 
   /// Takes the bound away until the next one is measured.
-  void lift() noexcept { most_m_ = kInfinity; }
+  void lift() noexcept { most_px_ = most_m_ = kInfinity; }
 
-  /// Measures the bound. Events come in passages of c = events_per_passage, so their number N has the variance N c. One
-  /// passage is added to N, which may be 0.
-  /// @param px_per_m by which the motion of the edges shows in the image
-  void measure(int events, double px_per_m) noexcept {
-    constexpr double kSafety = 6;  // for edges parallel to the motion, hidden ones, and fewer events of fast ones
-    const double deviation = std::sqrt((events + events_per_passage_) * events_per_passage_);
-    most_m_ = kSafety * (events + 3 * deviation) / (events_per_px_ * px_per_m);
+  /// Measures the bound over a step: by its own events, and by the usual interval between events. A step of few events
+  /// tells little by itself, as events come in passages; many such steps together must not move farther than their
+  /// events tell together.
+  /// @param events of the step, noise among them
+  /// @param dt length of the step [s]
+  /// @param noise_per_s events that are noise
+  /// @param share weight of the step in running means over 100 events
+  /// @param px_per_m by which a motion across the line of sight shows in the image
+  void measure(int events, double dt, double noise_per_s, double share, double px_per_m) noexcept {
+    constexpr double kSafety = 8;      // for hidden edges, fewer events of fast ones, and a motion that has just begun
+    constexpr double kTogether = 100;  // events
+    constexpr double kGrowth = 3;      // a rest between two events is not how often they come
+    if (events > 0) {
+      const double interval_s = dt / events;
+      if (interval_s_ > 0)
+        interval_s_ += share * (std::min(interval_s, kGrowth * interval_s_) - interval_s_);
+      else
+        interval_s_ = interval_s;
+    }
+    const double together_s = kTogether * interval_s_;
+    const double by_interval =
+        together_s > 0 ? most_events(kTogether - noise_per_s * together_s) * dt / together_s : kInfinity;
+    most_px_ = kSafety * std::min(most_events(events - noise_per_s * dt), by_interval) / events_per_px_;
+    most_m_ = most_px_ / px_per_m;
   }
 
-  /// How far the edges have moved at most [m]; infinite without a bound.
+  /// How far the edges have moved at most: along their normals, root mean square [px], and in space [m]. Infinite
+  /// without a bound.
+  double most_px() const noexcept { return most_px_; }
   double most_m() const noexcept { return most_m_; }
 
   /// The process noise of a step, limited to the bound and to ten turns of the marker: then nothing is known any more,
@@ -55,9 +74,17 @@ class MotionBound {
  private:
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
+  // Events come in passages of c = events_per_passage, so that N of them have the variance N c. One passage is added to
+  // N, which may be 0.
+  double most_events(double expected) const noexcept {
+    const double events = std::max(0.0, expected);
+    return events + 3 * std::sqrt((events + events_per_passage_) * events_per_passage_);
+  }
+
   double events_per_px_ = 0;  // 0: not known
   double events_per_passage_ = 1;
-  double most_m_ = kInfinity;
+  double interval_s_ = 0;  // usual one between events; 0: not known
+  double most_px_ = kInfinity, most_m_ = kInfinity;
 };
 
 }  // namespace evmarker
