@@ -24,7 +24,7 @@ struct TrackOptions : PoseOutputOptions {
   // Automatic or not, as the library has them.
   int events_per_update = evmarker::TrackerSettings<>{}.marker.events_per_update;
   int filter_window_us = static_cast<int>(evmarker::TrackerSettings<>{}.filter_window.count());
-  double latency_us = 0;
+  double latency_us = 0, latency_sigma_us = 1e6 * evmarker::KalmanSettings{}.latency_sigma_s;
   bool quiet = false;
 
   void add_to(CLI::App& app) {
@@ -52,6 +52,10 @@ struct TrackOptions : PoseOutputOptions {
                    "known delay of the camera's events, beside the one that they show: poses are moved forward by it")
         ->check(CLI::Range(0.0, 1e6))
         ->capture_default_str();
+    app.add_option("--latency-sigma-us", latency_sigma_us,
+                   "standard deviation of that delay: it widens the covariance along the motion")
+        ->check(CLI::Range(1.0, 1e6))
+        ->capture_default_str();
     PoseOutputOptions::add_to(app);
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes());
@@ -76,9 +80,12 @@ struct TrackOptions : PoseOutputOptions {
   void with_rule(const Use& use) const {
     using namespace evmarker;
     if (update == "kalman")
-      return use.template operator()<KalmanUpdate>(KalmanUpdate::Settings{.latency_s = 1e-6 * latency_us},
-                                                   io::PoseColumns::pose_and_motion);
-    if (latency_us > 0) throw std::invalid_argument("--latency-us: only --update kalman estimates the motion it needs");
+      return use.template operator()<KalmanUpdate>(
+          KalmanUpdate::Settings{.latency_s = 1e-6 * latency_us, .latency_sigma_s = 1e-6 * latency_sigma_us},
+          io::PoseColumns::pose_and_motion);
+    if (latency_us > 0 || latency_sigma_us != TrackOptions{}.latency_sigma_us)
+      throw std::invalid_argument(
+          "--latency-us, --latency-sigma-us: only --update kalman estimates the motion they need");
     const auto rule = update == "paper" ? DecoupledSettings::paper() : DecoupledSettings{};
     use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }

@@ -866,17 +866,24 @@ TEST_CASE("examples: a stated latency moves poses forward along their velocity")
     REQUIRE_MESSAGE(result.code == 0, result.err);
     return split(simulated_file("late.csv"), '\n');
   };
-  const auto without = table(""), with = table(" --latency-us 2000");
+  const auto without = table(""), with = table(" --latency-us 2000 --latency-sigma-us 5000");
   REQUIRE(without.size() > 100);
   REQUIRE(with.size() == without.size());
   const auto names = split(without[0], ',');
   const auto velocity = static_cast<std::size_t>(std::ranges::find(names, "vx") - names.begin());
   REQUIRE(velocity + 2 < names.size());
+  const auto sigma = static_cast<std::size_t>(std::ranges::find(names, "sigma_t_mm") - names.begin());
+  REQUIRE(sigma < names.size());
   for (std::size_t i = 1; i < with.size(); i += 20) {
     const auto a = split(without[i], ','), b = split(with[i], ',');
     CHECK(a[0] == b[0]);
     for (std::size_t k = 0; k < 3; ++k)
       CHECK(std::abs(std::stod(b[3 + k]) - std::stod(a[3 + k]) - 2e-3 * std::stod(a[velocity + k])) < 2e-6);
+    // 5 ms in place of the usual 0.1 ms: along the motion, beside all that the pose does not know otherwise.
+    const double speed_mm_s =
+        1e3 * std::hypot(std::stod(a[velocity]), std::stod(a[velocity + 1]), std::stod(a[velocity + 2]));
+    CHECK(std::stod(b[sigma]) ==
+          doctest::Approx(std::hypot(std::stod(a[sigma]), 4.999e-3 * speed_mm_s)).epsilon(0.01).scale(0));
   }
 }
 
@@ -1819,6 +1826,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track + " --filter-window-us 1.5", {"--filter-window-us", "1.5", "auto"}},
       {track + " --update magic", {"--update", "magic"}},
       {track + " --latency-us -1", {"--latency-us", "-1"}},
+      {track + " --latency-sigma-us 0", {"--latency-sigma-us", "0 "}},
       {track + " --latency-us 100 --update paper", {"--latency-us", "--update kalman"}},
       {with_camera + "c.yml", {"c.yml", "several cameras, cam0, cam1", "--camera-name cam0"}, "c.yml", kTwoCameras},
       {with_camera + "c.yml --camera-name cam2", {"c.yml", "no camera cam2"}, "c.yml", kTwoCameras},

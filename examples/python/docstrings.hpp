@@ -21,6 +21,8 @@ inline constexpr const char* kTrackerOptions =
     R"(dictionary: OpenCV's name; by default that of the boards, or DICT_4X4_50. marker_length: side of the black
 square [m], of all markers or, as {3: 0.05}, of those to track. boards: a file of boards, each of which is
 tracked as one. ids: track only these markers. events_per_update, filter_window_us: automatic by default.
+latency_us: known delay of the camera's events [us], 0 by default: poses are moved forward by it.
+latency_sigma_us: its standard deviation [us], 100 by default: it widens the covariance along the motion.
 Raises ValueError naming what makes no sense.)";
 
 inline constexpr const char* kPush =

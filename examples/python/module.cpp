@@ -115,15 +115,17 @@ void bind_tracker(py::module_& module) {
       .def(py::init([](const evmarker::PinholeCamera& camera, const std::optional<std::string>& dictionary,
                        const std::optional<MarkerLength>& marker_length, const std::optional<py::object>& boards,
                        const std::optional<std::vector<int>>& ids, std::optional<int> events_per_update,
-                       std::optional<int> filter_window_us) {
+                       std::optional<int> filter_window_us, std::optional<double> latency_us,
+                       std::optional<double> latency_sigma_us) {
              return std::make_unique<Tracker>(
                  camera,
                  TrackerOptions{dictionary, marker_length, boards ? std::optional(path_text(*boards)) : std::nullopt,
-                                ids, events_per_update, filter_window_us});
+                                ids, events_per_update, filter_window_us, latency_us, latency_sigma_us});
            }),
            "camera"_a, "dictionary"_a = py::none(), "marker_length"_a = py::none(), py::kw_only(),
            "boards"_a = py::none(), "ids"_a = py::none(), "events_per_update"_a = py::none(),
-           "filter_window_us"_a = py::none(), doc::kTrackerOptions)
+           "filter_window_us"_a = py::none(), "latency_us"_a = py::none(), "latency_sigma_us"_a = py::none(),
+           doc::kTrackerOptions)
       .def(
           "push",
           [](Tracker& tracker, const py::object& events) {

@@ -30,6 +30,7 @@ struct TrackerOptions {
   std::optional<std::string> boards;
   std::optional<std::vector<int>> ids;
   std::optional<int> events_per_update, filter_window_us;
+  std::optional<double> latency_us, latency_sigma_us;
 };
 
 /// Sets the lengths of markers, and which to find where they are told by id.
@@ -115,6 +116,8 @@ class Tracker {
     evmarker::TrackerSettings<> settings;
     if (options.events_per_update) settings.marker.events_per_update = *options.events_per_update;
     if (options.filter_window_us) settings.filter_window = std::chrono::microseconds(*options.filter_window_us);
+    if (options.latency_us) settings.marker.update.latency_s = 1e-6 * *options.latency_us;
+    if (options.latency_sigma_us) settings.marker.update.latency_sigma_s = 1e-6 * *options.latency_sigma_us;
     return settings;
   }
 

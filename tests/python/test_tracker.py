@@ -48,6 +48,18 @@ def test_matrices_say_what_the_columns_say(poses):
     assert np.degrees(np.sqrt(P[3, 3] + P[4, 4] + P[5, 5])) == pytest.approx(last["sigma_r_deg"])
 
 
+def test_a_stated_latency_moves_poses_forward_and_its_deviation_widens_the_covariance(camera, events, poses):
+    late = evmarker.Tracker(camera, "DICT_4X4_50", 0.1, latency_us=2000, latency_sigma_us=1000).push(events)
+    assert len(late) == len(poses)
+    v = np.stack([poses[name] for name in ("vx", "vy", "vz")], axis=1)
+    moved = late["T_camera_marker"][:, :3, 3] - poses["T_camera_marker"][:, :3, 3]
+    assert np.linalg.norm(v, axis=1).max() > 0.1
+    np.testing.assert_allclose(moved, 2e-3 * v, atol=1e-9)
+    widened = late["covariance"][:, :3, :3] - poses["covariance"][:, :3, :3]
+    expected = (1e-3**2 - 1e-4**2) * v[:, :, None] * v[:, None, :]
+    np.testing.assert_allclose(widened, expected, atol=1e-6 * np.abs(expected).max())
+
+
 def motion(seconds):
     """A marker that faces the camera, upright, and moves on an ellipse."""
     T = np.diag([1.0, -1, -1, 1])
@@ -70,7 +82,10 @@ def test_poses_are_near_the_truth(camera):
     now = tracker.poses_at(302_000)  # 2 ms behind the end
     assert now["t_us"] == [302_000]
     assert 1e3 * np.linalg.norm(now["T_camera_marker"][0, :3, 3] - motion(0.302)[:3, 3]) < 1
-    assert tracker.poses_at(320_000)["sigma_t_mm"] > now["sigma_t_mm"]
+    # No event in 20 ms: it has stopped, and is known as well as before.
+    rest = tracker.poses_at(320_000)
+    assert 1e3 * np.linalg.norm(rest["T_camera_marker"][0, :3, 3] - now["T_camera_marker"][0, :3, 3]) < 1
+    assert 0.5 * now["sigma_t_mm"] < rest["sigma_t_mm"] < 2 * now["sigma_t_mm"]
 
 
 def in_dtype(**fields):
@@ -161,6 +176,8 @@ def test_wrong_arrays_are_refused(camera, sentence):
         ("marker 4 of ids has no marker_length", {"marker_length": {3: 0.1}, "ids": [3, 4]}),
         ("board none.yml: cannot be read", {"boards": "none.yml"}),
         ("events_per_update is -1", {"marker_length": 0.1, "events_per_update": -1}),
+        ("latency_s is -1", {"marker_length": 0.1, "latency_us": -1e6}),
+        ("latency_sigma_s is 0", {"marker_length": 0.1, "latency_sigma_us": 0}),
     ],
 )
 def test_what_makes_no_sense_is_a_value_error(camera, sentence, arguments):

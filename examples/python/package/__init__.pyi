@@ -46,6 +46,8 @@ class Tracker:
         ids: Optional[Sequence[int]] = ...,
         events_per_update: Optional[int] = ...,
         filter_window_us: Optional[int] = ...,
+        latency_us: Optional[float] = ...,
+        latency_sigma_us: Optional[float] = ...,
     ) -> None: ...
     @overload
     def push(self, events: npt.NDArray[np.void]) -> npt.NDArray[np.void]: ...
