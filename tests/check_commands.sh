@@ -212,8 +212,8 @@ check_span() { # PAGE SPAN
   esac
 }
 
-# What a reader has: a recording of a marker, and its calibration.
-build/release/examples/simulate recording.raw --calibration camera.yml --ids 7 --duration 0.3 >/dev/null
+# What a reader has: a recording of a marker, and its calibration. Long enough for a busy machine to find it live.
+build/release/examples/simulate recording.raw --calibration camera.yml --ids 7 --duration 1 >/dev/null
 
 for page in "${pages[@]}"; do
   while IFS= read -r line; do
