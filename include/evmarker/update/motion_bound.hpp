@@ -37,7 +37,7 @@ class MotionBound {
   void measure(int events, double dt, double noise_per_s, double share, double px_per_m) noexcept {
     constexpr double kSafety = 8;      // for hidden edges, fewer events of fast ones, and a motion that has just begun
     constexpr double kTogether = 100;  // events
-    constexpr double kGrowth = 3;      // a rest between two events is not how often they come
+    constexpr double kGrowth = 3;      // an interval counts as so many usual ones at most: a rest must not
     if (events > 0) {
       const double interval_s = dt / events;
       if (interval_s_ > 0)
