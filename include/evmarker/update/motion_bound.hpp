@@ -35,20 +35,20 @@ class MotionBound {
   /// @param share weight of the step in running means over 100 events
   /// @param px_per_m by which a motion across the line of sight shows in the image
   void measure(int events, double dt, double noise_per_s, double share, double px_per_m) noexcept {
-    constexpr double kSafety = 8;      // for hidden edges, fewer events of fast ones, and a motion that has just begun
-    constexpr double kTogether = 100;  // events
-    constexpr double kGrowth = 3;      // an interval counts as so many usual ones at most: a rest must not
+    constexpr double kSafety = 8;  // for hidden edges, fewer events of fast ones, and a motion that has just begun
+    constexpr double kGrowth = 3;  // an interval counts as so many usual ones at most: a rest must not
     if (events > 0) {
       const double interval_s = dt / events;
       if (interval_s_ > 0)
         interval_s_ += share * (std::min(interval_s, kGrowth * interval_s_) - interval_s_);
       else
         interval_s_ = interval_s;
+      since_usual_ += events;
+      if (since_usual_ >= kUsualEvery) measure_usual(noise_per_s);
     }
-    const double together_s = kTogether * interval_s_;
-    const double by_interval =
-        together_s > 0 ? most_events(kTogether - noise_per_s * together_s) * dt / together_s : kInfinity;
-    most_px_ = kSafety * std::min(most_events(events - noise_per_s * dt), by_interval) / events_per_px_;
+    double most = most_events(events - noise_per_s * dt);
+    if (dt > 0) most = std::min(most, usual_events_per_s_ * dt);
+    most_px_ = kSafety * most / events_per_px_;
     most_m_ = most_px_ / px_per_m;
   }
 
@@ -81,9 +81,21 @@ class MotionBound {
     return events + 3 * std::sqrt((events + events_per_passage_) * events_per_passage_);
   }
 
+  // The most events a second by the usual interval between them. It changes little from event to event.
+  void measure_usual(double noise_per_s) noexcept {
+    constexpr double kTogether = 100;  // events
+    since_usual_ = 0;
+    const double together_s = kTogether * interval_s_;
+    usual_events_per_s_ = together_s > 0 ? most_events(kTogether - noise_per_s * together_s) / together_s : kInfinity;
+  }
+
+  static constexpr int kUsualEvery = 16;  // events, to save time
+
   double events_per_px_ = 0;  // 0: not known
   double events_per_passage_ = 1;
-  double interval_s_ = 0;  // usual one between events; 0: not known
+  double interval_s_ = 0;          // usual one between events; 0: not known
+  int since_usual_ = kUsualEvery;  // events since usual_events_per_s_ was measured
+  double usual_events_per_s_ = kInfinity;
   double most_px_ = kInfinity, most_m_ = kInfinity;
 };
 
