@@ -52,6 +52,18 @@ class BoardMatcher {
   }
 
   const Marker& marker(std::size_t number) const noexcept { return markers_[number]; }
+  /// See GridMatcher::set_max_distance_px.
+  void set_max_distance_px(double distance_px) noexcept {
+    settings_.max_distance_px = distance_px;
+    for (Marker& marker : markers_) marker.matcher.set_max_distance_px(distance_px);
+  }
+  /// See GridMatcher::cell_px; of the markers that are visible.
+  double cell_px() const noexcept {
+    double least = std::numeric_limits<double>::infinity();
+    for (const Marker& marker : markers_)
+      if (marker.visible) least = std::min(least, marker.matcher.cell_px());
+    return std::isfinite(least) ? least : 0;
+  }
 
   /// Sets the pose; see SegmentMatcher::project.
   bool project(const Eigen::Isometry3d& T_camera_board) noexcept {

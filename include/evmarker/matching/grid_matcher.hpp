@@ -31,22 +31,29 @@ class GridMatcher {
       : segments_(std::move(model), focal_length, settings),
         grid_(GridEdges::of(segments_.model())),
         focal_length_(focal_length),
-        max_distance_(settings.max_distance_px / focal_length),
         end_margin_(settings.end_margin_px / focal_length),
-        ambiguity_(settings.ambiguity_px / focal_length),
-        match_reach_(std::hypot(max_distance_ + ambiguity_, end_margin_)),
-        near_reach_(std::hypot(3 * max_distance_, end_margin_)),
-        limit2_(max_distance_ * max_distance_),
-        // rival_factor_ d^2 + rival_offset_ >= (d + ambiguity)^2 for every d, equal at half the maximal distance:
-        // compares with the runner-up without a square root.
-        rival_factor_(1 + 2 * ambiguity_ / max_distance_),
-        rival_offset_(ambiguity_ * (max_distance_ / 2 + ambiguity_)) {
+        ambiguity_(settings.ambiguity_px / focal_length) {
+    set_max_distance_px(settings.max_distance_px);
     if (!(settings.ambiguity_px > 1e-6))
       grid_.reset();  // then rounding decides ties in SegmentMatcher, which the grid cannot reproduce
     if (!grid_) return;
     projected_ = ProjectedGrid(grid_->cells(), grid_->cell_length_m());
     stretches_of_line_ = grid_->stretches_of_line();
     first_stretch_ = {2, 2 + (grid_->cells() + 1) * stretches_of_line_};
+  }
+
+  /// Sets another maximal distance, for poses from the next `project` on.
+  void set_max_distance_px(double distance_px) noexcept {
+    segments_.set_max_distance_px(distance_px);
+    max_distance_ = distance_px / focal_length_;
+    match_reach_ = std::hypot(max_distance_ + ambiguity_, end_margin_);
+    near_reach_ = std::hypot(3 * max_distance_, end_margin_);
+    limit2_ = max_distance_ * max_distance_;
+    // rival_factor_ d^2 + rival_offset_ >= (d + ambiguity)^2 for every d, equal at half the maximal distance:
+    // compares with the runner-up without a square root.
+    rival_factor_ = 1 + 2 * ambiguity_ / max_distance_;
+    rival_offset_ = ambiguity_ * (max_distance_ / 2 + ambiguity_);
+    rate_ = 0;  // the bounds that follow from it are updated with the next pose
   }
 
   /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
@@ -217,6 +224,8 @@ class GridMatcher {
   const MarkerModel& model() const noexcept { return segments_.model(); }
   double focal_length() const noexcept { return focal_length_; }
   double max_distance_px() const noexcept { return focal_length_ * max_distance_; }
+  /// A lower bound of the side of a cell in the image [px]; 0 if the pose is not matched through the grid.
+  double cell_px() const noexcept { return on_grid_ ? focal_length_ / projected_.rate() : 0; }
   /// True if the present pose is matched through the grid.
   bool on_grid() const noexcept { return on_grid_; }
 
@@ -330,10 +339,11 @@ class GridMatcher {
   ProjectedGrid projected_;         // at the present pose: where edges are
   ProjectedGrid edge_choice_grid_;  // at that of the last `project`: which edge an event belongs to
   double focal_length_;
-  double max_distance_, end_margin_, ambiguity_;  // settings as tangents, pixels by the focal length
-  double match_reach_, near_reach_;               // how far from an edge an event can be matched, or near
-  double limit2_;                                 // max_distance_ squared
-  double rival_factor_, rival_offset_;            // the runner-up's squared distance must surely be larger than that
+  double end_margin_, ambiguity_;       // settings as tangents, pixels by the focal length
+  double max_distance_;                 // the same
+  double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near
+  double limit2_;                       // max_distance_ squared
+  double rival_factor_, rival_offset_;  // the runner-up's squared distance must surely be larger than that
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;

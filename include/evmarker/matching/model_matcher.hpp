@@ -18,6 +18,11 @@ class ModelMatcher {
       : grid_(std::move(model), focal_length, settings),
         board_(BoardMatcher::of(grid_.model(), focal_length, settings)) {}
 
+  /// See GridMatcher::set_max_distance_px.
+  void set_max_distance_px(double distance_px) noexcept {
+    grid_.set_max_distance_px(distance_px);
+    if (board_) board_->set_max_distance_px(distance_px);
+  }
   /// See SegmentMatcher::project.
   bool project(const Eigen::Isometry3d& T_camera_model) noexcept {
     return board_ ? board_->project(T_camera_model) : grid_.project(T_camera_model);
@@ -48,6 +53,8 @@ class ModelMatcher {
   const MarkerModel& model() const noexcept { return grid_.model(); }
   double focal_length() const noexcept { return grid_.focal_length(); }
   double max_distance_px() const noexcept { return grid_.max_distance_px(); }
+  /// See GridMatcher::cell_px.
+  double cell_px() const noexcept { return board_ ? board_->cell_px() : grid_.cell_px(); }
 
  private:
   GridMatcher grid_;  // has the model, also that of a board

@@ -52,6 +52,9 @@ class SegmentMatcher {
     vertices_.resize(model_.vertices.size());
   }
 
+  /// Sets another maximal distance, for poses projected from now on.
+  void set_max_distance_px(double distance_px) noexcept { settings_.max_distance_px = distance_px; }
+
   /// Projects the wireframe at a pose, without the edges on faces that are turned away. False, and no event matches,
   /// while any vertex is not in front of the camera or not finite, or no edge faces the camera.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {

@@ -68,6 +68,7 @@ class EdgeFollower {
       : events_per_update_(settings.events_per_update == kAutomatic ? kMostEvents : settings.events_per_update),
         adapts_events_per_update_(settings.events_per_update == kAutomatic),
         matcher_(std::move(model), focal_length, settings.matching),
+        max_distance_px_(settings.matching.max_distance_px),
         edge_length_(matcher_.model(), focal_length),
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
@@ -212,8 +213,21 @@ class EdgeFollower {
   // a motion model the pose moves to and fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
+  // Widens the matching distance by how far slow pixels spread the events of moving edges, but not across a cell.
+  void adapt_to_spread() noexcept {
+    if constexpr (requires { rule_.smear_px(); }) {
+      constexpr double kSmears = 2, kMostCells = 0.3;
+      const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
+      const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));
+      if (std::abs(distance - matcher_.max_distance_px()) > matcher_.max_distance_px() / 16)
+        matcher_.set_max_distance_px(distance);
+      rule_.set_max_distance_px(matcher_.max_distance_px());
+    }
+  }
+
   // Sets what depends on the projected length of the edges. Called where nothing has been collected.
   void adapt_to_distance() noexcept {
+    adapt_to_spread();
     const double length_px = this->length_px();
     if (adapts_events_per_update_) {
       const double events =
@@ -424,6 +438,7 @@ class EdgeFollower {
   bool adapts_events_per_update_;
   double events_per_passage_ = 0;  // 0: not known
   ModelMatcher matcher_;
+  double max_distance_px_;  // of events whose edges do not move
   EdgeLength edge_length_;
   Rule rule_;
   Eigen::Isometry3d T_camera_marker_;

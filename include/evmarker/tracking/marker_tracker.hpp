@@ -179,7 +179,7 @@ class MarkerTracker {
   }
 
   /// True while it tracks and no evidence speaks against that.
-  bool reliable() const noexcept { return state_ == TrackingState::tracking && health_.sure(); }
+  bool reliable() const noexcept { return state() == TrackingState::tracking && health_.sure(); }
 
   /// True only if the next `events` events, whichever they are, cannot change the pose, the state or `reliable()`. May
   /// be false although nothing would change.
@@ -196,9 +196,12 @@ class MarkerTracker {
 
   MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
-  /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it.
+  /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it, or while
+  /// events come so late that they lie anywhere near the edges.
   TrackingState state() const noexcept {
-    return state_ == TrackingState::tracking && health_.doubtful() ? TrackingState::converging : state_;
+    return state_ == TrackingState::tracking && (health_.doubtful() || events_fill_distance())
+               ? TrackingState::converging
+               : state_;
   }
   const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
@@ -355,6 +358,13 @@ class MarkerTracker {
       start_pending_ = start_search_->replaying();
     }
     return pose;
+  }
+
+  bool events_fill_distance() const noexcept {
+    if constexpr (requires(const Rule& rule) { rule.events_fill_distance(); })
+      return follower_.rule().events_fill_distance();
+    else
+      return false;
   }
 
   // Acts on the result of a verification. A converging tracker may fail because its start was off. Later, one failure

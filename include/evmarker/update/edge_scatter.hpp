@@ -57,6 +57,11 @@ class EdgeScatter {
 
   /// Covariance of the pose by the errors of the edges, order as in PoseEstimate; zero until the first evaluation.
   const Matrix6d& covariance() const noexcept { return covariance_; }
+  /// Factor of that covariance for edges that err by more than is measured.
+  /// @param more_px2 variance of their errors beside the measured one [px^2]
+  double covariance_factor(double more_px2) const noexcept {
+    return variance_px2_ > 0 ? 1 + more_px2 / variance_px2_ : 1;
+  }
   /// Mean squared error of an edge, along its normal [px^2].
   double variance_px2() const noexcept { return variance_px2_; }
   /// Share of the events of which it is known on which side their edge is dark.

@@ -18,6 +18,7 @@
 #include "evmarker/update/motion_bound.hpp"
 #include "evmarker/update/process_noise.hpp"
 #include "evmarker/update/response_time.hpp"
+#include "evmarker/update/unexplained_spread.hpp"
 #include "evmarker/update/update_rule.hpp"
 #include "evmarker/update/velocity_memory.hpp"
 
@@ -127,7 +128,10 @@ class KalmanUpdate {
     if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
     perturb(T_camera_marker, step);
-    if (steps_ % kStepsToMend == 0) state_.P.symmetrize();
+    if (steps_ % kStepsToMend == 0) {
+      state_.P.symmetrize();
+      if (signal_weight_ == 1) unexplained_.measure(statistics_.spread2_px(), max_distance_px_, smear_px());
+    }
     state_.twist = twist;
     update_motion_of_model();
     lead_s_ = lead_s;
@@ -158,6 +162,7 @@ class KalmanUpdate {
     row[6 + kTrail] = 1;
     row[6 + kBiases] = trail_px - model_.bias_px[kTrail];
     measurements_.add(row, 1);
+    response_time_ = {};  // the first events were those of a start that was off
     ErrorState error;
     if (measurements_.correct(state_.P, error, 1 / squared(sigma_px))) correct_biases(error);
     perturb(T_camera_marker, pose(error));
@@ -203,10 +208,12 @@ class KalmanUpdate {
     const double delay_s2 = delay_variance_s2();
     const std::array<double, 6> twist = state_.twist.array(), delayed = (delay_s2 * state_.twist).array();
     const Matrix6d& edge_covariance = edges_.covariance();
+    const double edge_factor = edges_.covariance_factor(kOfEdges * unexplained_.px2());
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) {
         double& element = P.data()[6 * k + i];
-        element = settings_.covariance_scale * element + edge_covariance.data()[6 * k + i] + twist[k] * delayed[i];
+        element = settings_.covariance_scale * element + edge_factor * edge_covariance.data()[6 * k + i] +
+                  twist[k] * delayed[i];
       }
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
@@ -215,6 +222,12 @@ class KalmanUpdate {
   Vector6d twist() const noexcept { return state_.twist; }
   /// By how much events are late, as far as it is known [s]: a pose that they show is that of so much earlier.
   double delay_s() const noexcept { return settings_.latency_s + response_time_.delay_s(); }
+  /// How far the pixels' response time spreads the events of moving edges now [px].
+  double smear_px() const noexcept { return response_time_.delay_s() * px_per_s(); }
+  /// Sets within which distance of an edge events are matched; 2 at first.
+  void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
+  /// True while events lie nearly evenly over the matching distance: the pose cannot be trusted, see UnexplainedSpread.
+  bool events_fill_distance() const noexcept { return unexplained_.fills_distance(); }
   /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
     return model_.residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity, c.contrast);
@@ -232,7 +245,8 @@ class KalmanUpdate {
   static constexpr double kEvaluationSpreads = 8;
   static constexpr double kPixelVariance = 1.0 / 12;  // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kLeastSpeed = 1e-3, kMostSpeed = 1e6;  // [px/s]
-  static constexpr double kTrailError = 0.25;                    // relative, of the trail that the edge's width tells
+  static constexpr double kOfEdges = 0.25;     // of the unexplained variance, what the events of an edge share
+  static constexpr double kTrailError = 0.25;  // relative, of the trail that the edge's width tells
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -291,7 +305,8 @@ class KalmanUpdate {
   double delay_variance_s2() const noexcept {
     const double px_per_s = this->px_per_s();
     const double trail_s2 = px_per_s > 0 ? trail_variance_px2() / (px_per_s * px_per_s) : 0;
-    return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + trail_s2;
+    const double unexplained_s2 = px_per_s > 0 ? unexplained_.px2() / (px_per_s * px_per_s) : 0;
+    return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + trail_s2 + unexplained_s2;
   }
 
   // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the
@@ -309,6 +324,7 @@ class KalmanUpdate {
   // The motion by which the model tells events of moving edges from noise.
   void update_motion_of_model() noexcept {
     model_.twist = state_.twist;
+    model_.response_s = response_time_.delay_s();
     model_.noise_px_per_s = bound_.is_set() ? noise_per_s_ / bound_.events_per_px() : 0;
     const double lever2 = statistics_.lever2();
     const double variance =
@@ -419,9 +435,11 @@ class KalmanUpdate {
   EdgeScatter edges_;
   EdgeGradients gradients_;
   ResponseTime response_time_;
-  unsigned sampled_ = 0;  // events added one by one
-  double moved_px_ = 0;   // by the edges, since the residuals were evaluated
-  unsigned steps_ = 0;    // of the pose
+  UnexplainedSpread unexplained_;
+  double max_distance_px_ = 2;  // of matched events
+  unsigned sampled_ = 0;        // events added one by one
+  double moved_px_ = 0;         // by the edges, since the residuals were evaluated
+  unsigned steps_ = 0;          // of the pose
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);

@@ -32,31 +32,17 @@ class ResponseTime {
     sums_[8] += spread * v2;
     sums_[9] += spread * spread;
     sums_[10] += (1 - 3 * r2) * by * by * by;  // half its second derivative: how it grows with the variance
+    if (sums_[0] >= first_) [[unlikely]] {
+      first_ *= 2;
+      estimate();
+    }
   }
 
   /// Evaluates what has been added, and lets it fade.
   void evaluate() noexcept {
-    const auto& [n, u, uu, q, qu, qq, y, yu, yq, yy, growth] = sums_;  // q = v^2
-    if (!std::isfinite(qq * yq)) sums_ = {};
-    if (!(n > 0 && growth > 0)) return;
-    const double by = n / growth;  // from the slope of `spread` to that of the variance
-    // The normal equations, without the mean and then without u.
-    const double Suu = uu - u * u / n, Squ = qu - q * u / n, Sqq = qq - q * q / n;
-    const double Syu = yu - y * u / n, Syq = yq - y * q / n, variance = (yy - y * y / n) / n;
-    const double noise = Suu > 0 ? Squ / Suu : 0;
-    const double Sqq_rest = std::max(0.0, Sqq - noise * Squ), Syq_rest = Syq - noise * Syu;
-    // The slope by Syq_rest / Sqq_rest, with an assumption about it that counts as much as its deviation says.
-    const double of_events = variance * by * by, assumed = of_events / (kUsual_ms2 * kUsual_ms2);
-    const double T2 = std::max(0.0, by * Syq_rest / (Sqq_rest + assumed)),
-                 sigma = std::sqrt(of_events / (Sqq_rest + assumed));
-    if (std::isfinite(T2 + sigma)) {
-      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTime_ms * kDeadTime_ms);
-      delay_s_ = 1e-3 * std::sqrt(late2);
-      // Of what is beyond it, nobody knows how much is a delay; nor is it known better than to a half: a pixel's dead
-      // time spreads its events, too.
-      delay_variance_s2_ = square(1e-3 * std::sqrt(T2) - delay_s_) + square(0.5 * delay_s_);
-    }
+    estimate();
     for (double& sum : sums_) sum *= kKept;
+    evaluations_ = kKept * evaluations_ + 1;
   }
 
   /// By how much events are late at least [s], from what is significant of T and not a usual dead time; 0 where the
@@ -66,12 +52,49 @@ class ResponseTime {
   double delay_variance_s2() const noexcept { return delay_variance_s2_; }
 
  private:
-  static constexpr double kKept = 0.97;         // of the sums, from one evaluation to the next
-  static constexpr double kUsual_ms2 = 0.1;     // standard deviation of T^2 where nothing is known [ms^2]
+  static constexpr double kKept = 0.97;      // of the sums, from one evaluation to the next
+  static constexpr double kUsual_ms2 = 0.1;  // standard deviation of T^2 where nothing is known [ms^2]
+  // How far the variance of one edge's events may differ from that of another for other reasons than its speed; how
+  // many edges, each in both directions, err independently between two evaluations; and how sure the data must be, with
+  // that.
+  static constexpr double kOfEdge_px2 = 0.1, kEdges = 4, kSurely = 5;
   static constexpr double kNoise_px_ms = 0.03;  // speed of an edge that makes as many events as 20 Hz/px of noise
   static constexpr double kDeadTime_ms = 0.2;   // spread that some events of 0.05 ms dead time each make, without delay
   static constexpr double square(double x) noexcept { return x * x; }
 
+  // Not inlined: it is rare.
+  [[gnu::noinline]] void estimate() noexcept {
+    const auto& [n, u, uu, q, qu, qq, y, yu, yq, yy, growth] = sums_;  // q = v^2
+    if (!std::isfinite(qq * yq)) sums_ = {};
+    if (!(n > 0 && growth > 0)) return;
+    const double by = n / growth;  // from the slope of `spread` to that of the variance
+    // The normal equations, without the mean and then without u.
+    const double Suu = uu - u * u / n, Squ = qu - q * u / n, Sqq = qq - q * q / n;
+    const double Syu = yu - y * u / n, Syq = yq - y * q / n, variance = (yy - y * y / n) / n;
+    // More of the events of slow edges are noise, never fewer: a spread that grows with the speed and then no more, as
+    // the matching distance cuts it off, must not look like a negative share of noise.
+    const bool noisy = Suu > 0 && Syu * Sqq > Syq * Squ;
+    const double noise = noisy ? Squ / Suu : 0;
+    const double Sqq_rest = std::max(0.0, Sqq - noise * Squ), Syq_rest = Syq - noise * Syu;
+    // The slope by Syq_rest / Sqq_rest, with an assumption about it that counts as much as its deviation says. Where
+    // the data surely say otherwise, as of a sensor in dim light, it is of no use.
+    const double of_events = variance * by * by, of_edges = n * square(kOfEdge_px2) / (kEdges * (evaluations_ + 0.25));
+    const double of_data = Sqq_rest > 0 ? std::max(0.0, by * Syq_rest / Sqq_rest) : 0;
+    const double surely2 = Sqq_rest > 0 ? square(of_data) - square(kSurely) * (of_events + of_edges) / Sqq_rest : 0;
+    const double assumed = of_events / std::max(square(kUsual_ms2), surely2 / 9);
+    const double T2 = std::max(0.0, by * Syq_rest / (Sqq_rest + assumed)),
+                 sigma = std::sqrt(of_events / (Sqq_rest + assumed));
+    if (std::isfinite(T2 + sigma)) {
+      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTime_ms * kDeadTime_ms);
+      delay_s_ = 1e-3 * std::sqrt(late2);
+      // Of what is beyond it, nobody knows how much is a delay; nor is it known better than to a half: a pixel's dead
+      // time spreads its events, too.
+      delay_variance_s2_ = square(1e-3 * std::sqrt(T2) - delay_s_) + square(0.5 * delay_s_);
+    }
+  }
+
+  double evaluations_ = 0;         // as they fade
+  double first_ = 1024;            // samples after which the first estimates are made, so early
   std::array<double, 11> sums_{};  // of n, u, u^2, v^2 [px^2/ms^2], v^2 u, v^4, spread, its products, and its growth
   double delay_s_ = 0, delay_variance_s2_ = 0;
 };
