@@ -196,7 +196,7 @@ TEST_CASE("every event is matched as by the search over all segments: other marg
   }
 }
 
-TEST_CASE("a matcher that goes from pose to pose matches like one that is new at each") {
+TEST_CASE("a matcher that goes from pose to pose, with matching distances that change, matches like one that is new") {
   SeededNumbers random(5);
   const MarkerModel model = make_code_marker(0.1, random_bits(random, 4));
   GridMatcher grid(model, 533);
@@ -210,6 +210,12 @@ TEST_CASE("a matcher that goes from pose to pose matches like one that is new at
     T.translation() += Vector3d(random(-1, 1), random(-1, 1), random(-1, 1)) * 1e-3;
     if (i % 50 == 0) T = pose_from_any_side(random, random(0.2, 2), 1.4);
     if (i % 500 == 49) T.translation() *= -1;
+    if (i % 100 == 99) {
+      const double distance = random(1, 4);
+      grid.set_max_distance_px(distance);
+      segments.set_max_distance_px(distance);
+      CHECK(grid.max_distance_px() == doctest::Approx(distance).scale(0));
+    }
     const bool on_grid = grid.on_grid();
     const bool visible = segments.project(T);
     REQUIRE(grid.project(T) == visible);

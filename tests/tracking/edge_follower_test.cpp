@@ -41,6 +41,7 @@ struct CountingRule {
   struct Settings {
     bool skip = false;
     double step_z = 0;
+    double smear_px = 0;
     Vector6d twist = Vector6d::Zero();
   };
   CountingRule(const Settings& given, int events) : settings(given), events_per_update(events) {}
@@ -377,6 +378,32 @@ TEST_CASE("automatic: more where a pixel makes more events, and a number stays t
   }
 }
 
+TEST_CASE("the matching distance follows the smear of slow pixels, not across a cell, and no other wireframe's") {
+  struct Slow : CountingRule {  // tells how far its pixels smear edges
+    using CountingRule::CountingRule;
+    double smear_px() const noexcept { return settings.smear_px; }
+    void set_max_distance_px(double distance_px) noexcept { told_px = distance_px; }
+    double told_px = 0;
+  };
+  const CodeBits bits = CodeBits::Identity(4, 4);
+  const Isometry3d near = turned_pose({std::numbers::pi, 0, 0}, {0, 0, 0.5});  // cells of 16.7 px
+  const auto distance_px = [&](const MarkerModel& model, const Isometry3d& T, double smear_px) {
+    EdgeFollower<Slow> follower(model, kFocal, T, {.events_per_update = 1, .update = {.smear_px = smear_px}});
+    CHECK(follower.rule().told_px == follower.matcher().max_distance_px());
+    return follower.matcher().max_distance_px();
+  };
+  const MarkerModel marker = evmarker::make_code_marker(0.1, bits);
+  CHECK(distance_px(marker, near, 0) == doctest::Approx(2).scale(0));
+  CHECK(distance_px(marker, near, 1) == doctest::Approx(std::hypot(2, 3)).scale(0));
+  const double widest = distance_px(marker, near, 100);
+  CHECK(widest > 0.25 * 16.7);
+  CHECK(widest <= 0.3 * 16.7);
+  CHECK(distance_px(marker, turned_pose({std::numbers::pi, 0, 0}, {0, 0, 1.5}), 100) == doctest::Approx(2).scale(0));
+  CHECK(distance_px(lone_edge(), kAhead, 100) == doctest::Approx(2).scale(0));
+  const Board board{1, {{1, 0.1, bits, Isometry3d::Identity()}}};
+  CHECK(distance_px(make_board_model(board), near, 1) == doctest::Approx(std::hypot(2, 3)).scale(0));
+}
+
 TEST_CASE("the rule is told the polarity of each event") {
   CountingFollower follower(lone_edge(), kFocal, kAhead, {.events_per_update = 1});
   for (const double polarity : {1.0, -1.0, 0.0}) {
@@ -567,10 +594,12 @@ TEST_CASE("a marker that turns back on the spot is followed, and without the che
     CHECK(with.mean_px < 1.1 * without.mean_px);
     CHECK(without.contradicting == 0);
     // Of unknown polarity: as if there were no check. That one takes its events one by one, which rounds in another
-    // way.
+    // way, and other events are sampled for the response time.
+    constexpr double kSampledOthers_px = 0.01;
     CHECK(unknown.contradicting == 0);
     REQUIRE(unchecked.poses.size() == unknown.poses.size());
-    for (std::size_t i = 0; i < unknown.poses.size(); ++i) REQUIRE(unchecked.poses[i].isApprox(unknown.poses[i], 1e-9));
+    for (std::size_t i = 0; i < unknown.poses.size(); ++i)
+      REQUIRE(corner_error_px(unchecked.poses[i], unknown.poses[i]) < kSampledOthers_px);
   }
 }
 

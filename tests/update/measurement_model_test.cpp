@@ -43,6 +43,19 @@ TEST_CASE("measurement model: a row is the derivative of the residual by pose an
   CHECK(gradient2 == doctest::Approx(11649));
 }
 
+TEST_CASE("measurement model: far events of a fast edge count as more, the slower the pixels are") {
+  MeasurementModel slow = model();
+  slow.response_s = 2e-3;
+  const Vec3 g{100, 0, 0};
+  const auto weight = [&](double speed_px_per_s) {
+    slow.twist = {{speed_px_per_s / g.x, 0, 0}, {}};
+    return slow.measure(g, {}, 3, kFarFromEnds_px2, 0, 0).weight;
+  };
+  CHECK(weight(0) == doctest::Approx(4 / (4 + 9.0)).scale(0));
+  CHECK(weight(1500) == doctest::Approx((4 + 9) / (4 + 9 + 9.0)).scale(0));  // smeared by 3 px
+  CHECK(weight(-1500) == weight(1500));
+}
+
 TEST_CASE("measurement model: an event within three spreads of its edge's end counts a fifth") {
   const auto weight = [](double from_end_px) {
     return model().measure({1, 0, 0}, {}, 0, from_end_px * from_end_px, 1, 1).weight;

@@ -75,6 +75,47 @@ TEST_CASE("response time: noise, of which slow edges have the larger share, is n
   }
 }
 
+TEST_CASE(
+    "response time: that of very slow pixels shows soon, though events beyond the matching distance are not seen") {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::normal_distribution<double> normal;
+  constexpr double kT_s = 2e-3, kMaxDistance_px = 2;
+  ResponseTime response;
+  const auto add = [&](int events) {
+    for (int i = 0; i < events;) {
+      const double v = 800 * unit(random),
+                   residual = 0.5 * normal(random) + v * kT_s * (-std::log(1 - unit(random)) - 1);
+      if (std::abs(residual) > kMaxDistance_px) continue;
+      response.add(residual, v);
+      ++i;
+    }
+  };
+  add(1000);
+  CHECK(response.delay_s() == 0);
+  add(100);  // the first estimate does not wait for an evaluation
+  CHECK(response.delay_s() > 0.5e-3);
+  for (int i = 0; i < 10; ++i) {
+    add(1000);
+    response.evaluate();
+  }
+  CHECK(response.delay_s() > 0.8e-3);
+  CHECK(response.delay_s() < kT_s);
+}
+
+TEST_CASE("response time: few slow edges that spread differently are no delay of milliseconds") {
+  // The variance of the events of one edge is larger than that of the other by 0.1 px^2, and it is a little faster.
+  std::mt19937 random(6);
+  std::normal_distribution<double> normal;
+  ResponseTime response;
+  for (int i = 0; i < 8000; ++i) {
+    response.add(0.5 * normal(random), 150 + 20 * normal(random));
+    response.add(0.59 * normal(random), 250 + 20 * normal(random));
+  }
+  response.evaluate();
+  CHECK(response.delay_s() < 0.3e-3);
+}
+
 TEST_CASE("response time: numbers that are not finite are forgotten") {
   ResponseTime response;
   response.add(std::numeric_limits<double>::infinity(), 100);

@@ -216,7 +216,7 @@ class EdgeFollower {
   // Widens the matching distance by how far slow pixels spread the events of moving edges, but not across a cell.
   void adapt_to_spread() noexcept {
     if constexpr (requires { rule_.smear_px(); }) {
-      constexpr double kSmears = 2, kMostCells = 0.3;
+      constexpr double kSmears = 3, kMostCells = 0.3;
       const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
       const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));
       if (std::abs(distance - matcher_.max_distance_px()) > matcher_.max_distance_px() / 16)

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
@@ -130,7 +131,7 @@ class KalmanUpdate {
     perturb(T_camera_marker, step);
     if (steps_ % kStepsToMend == 0) {
       state_.P.symmetrize();
-      if (signal_weight_ == 1) unexplained_.measure(statistics_.spread2_px(), max_distance_px_, smear_px());
+      measure_misfit();
     }
     state_.twist = twist;
     update_motion_of_model();
@@ -208,11 +209,10 @@ class KalmanUpdate {
     const double delay_s2 = delay_variance_s2();
     const std::array<double, 6> twist = state_.twist.array(), delayed = (delay_s2 * state_.twist).array();
     const Matrix6d& edge_covariance = edges_.covariance();
-    const double edge_factor = edges_.covariance_factor(kOfEdges * unexplained_.px2());
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t i = 0; i < 6; ++i) {
         double& element = P.data()[6 * k + i];
-        element = settings_.covariance_scale * element + edge_factor * edge_covariance.data()[6 * k + i] +
+        element = settings_.covariance_scale * element + edge_factor_ * edge_covariance.data()[6 * k + i] +
                   twist[k] * delayed[i];
       }
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
@@ -222,8 +222,9 @@ class KalmanUpdate {
   Vector6d twist() const noexcept { return state_.twist; }
   /// By how much events are late, as far as it is known [s]: a pose that they show is that of so much earlier.
   double delay_s() const noexcept { return settings_.latency_s + response_time_.delay_s(); }
-  /// How far the pixels' response time spreads the events of moving edges now [px].
-  double smear_px() const noexcept { return response_time_.delay_s() * px_per_s(); }
+  /// How far the pixels' response time spreads the events of moving edges now, standard deviation [px]. On average over
+  /// their directions, the square of the edges' speed along their normals is half of that of the motion.
+  double smear_px() const noexcept { return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s(); }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
   /// True while events lie nearly evenly over the matching distance: the pose cannot be trusted, see UnexplainedSpread.
@@ -245,7 +246,9 @@ class KalmanUpdate {
   static constexpr double kEvaluationSpreads = 8;
   static constexpr double kPixelVariance = 1.0 / 12;  // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kLeastSpeed = 1e-3, kMostSpeed = 1e6;  // [px/s]
-  static constexpr double kOfEdges = 0.25;     // of the unexplained variance, what the events of an edge share
+  // What events do that the model does not say, the events of an edge have in common: of the variance that is
+  // unexplained, and of the squared disagreement about the trail, this share.
+  static constexpr double kOfEdges = 0.25;
   static constexpr double kTrailError = 0.25;  // relative, of the trail that the edge's width tells
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
@@ -295,27 +298,35 @@ class KalmanUpdate {
     moved_px_ = 0;
   }
 
-  // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only.
+  // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only; slow pixels smear
+  // them.
   double edge_width_px() const noexcept {
-    return std::sqrt(12 * std::max(statistics_.spread2_px() - kPixelVariance, kPixelVariance));
+    const double of_edge = statistics_.spread2_px() - kPixelVariance - squared(smear_px());
+    return std::sqrt(12 * std::max(of_edge, kPixelVariance));
   }
 
   // Variance of the time by which the pose is late, of which the filter itself knows nothing: motion alone cannot tell
   // it from another pose.
   double delay_variance_s2() const noexcept {
     const double px_per_s = this->px_per_s();
-    const double trail_s2 = px_per_s > 0 ? trail_variance_px2() / (px_per_s * px_per_s) : 0;
-    const double unexplained_s2 = px_per_s > 0 ? unexplained_.px2() / (px_per_s * px_per_s) : 0;
-    return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + trail_s2 + unexplained_s2;
+    const double lag_s2 = px_per_s > 0 ? lag_px2_ / (px_per_s * px_per_s) : 0;
+    return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + lag_s2;
   }
 
-  // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the
-  // difference. Where it is not known which side of an edge is dark, the filter does not correct it.
-  double trail_variance_px2() const noexcept {
-    if (!bound_.is_set()) return 0;  // before it is measured, the filter's own covariance has it
-    const double expected_px = expected_trail_px(edge_width_px(), bound_.events_per_passage());
-    return squared(kTrailError * expected_px) +
-           squared(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail] - expected_px);
+  // How far what the model does not say of the events may shift the pose: once in some updates, as it takes its time.
+  [[gnu::noinline]] void measure_misfit() noexcept {
+    if (signal_weight_ == 1) unexplained_.measure(statistics_.spread2_px(), max_distance_px_, smear_px());
+    lag_px2_ = unexplained_.px2();
+    double of_edges_px2 = unexplained_.px2();
+    if (bound_.is_set()) {  // before the trail is measured, the filter's own covariance has it
+      // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the
+      // difference. Where it is not known which side of an edge is dark, the filter does not correct it.
+      const double by_width_px = expected_trail_px(edge_width_px(), bound_.events_per_passage());
+      const double difference2 = squared(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail] - by_width_px);
+      lag_px2_ += squared(kTrailError * by_width_px) + difference2;
+      of_edges_px2 += difference2;
+    }
+    edge_factor_ = edges_.covariance_factor(kOfEdges * of_edges_px2);
   }
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
@@ -436,6 +447,8 @@ class KalmanUpdate {
   EdgeGradients gradients_;
   ResponseTime response_time_;
   UnexplainedSpread unexplained_;
+  double lag_px2_ = 0;          // variance of the pose along its motion, by what the model does not say of the events
+  double edge_factor_ = 1;      // of the covariance by the edges' errors, for the same reason
   double max_distance_px_ = 2;  // of matched events
   unsigned sampled_ = 0;        // events added one by one
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
