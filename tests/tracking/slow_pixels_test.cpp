@@ -3,7 +3,10 @@
 #include <cstdint>
 
 #include "evmarker/evaluation/accuracy.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/tracking/tracker.hpp"
+#include "evmarker/update/kalman_update.hpp"
 #include "sanitized.hpp"
 #include "simulated.hpp"
 
@@ -53,4 +56,25 @@ TEST_CASE("pixels that answer in milliseconds, dark ones later than bright ones:
     CHECK(meter.nees().mean > 0.2);
     CHECK(meter.nees().mean < 1);
   }
+}
+
+TEST_CASE("while events lie anywhere near its edges, a marker is not called tracked") {
+  struct Filled : KalmanUpdate {
+    using KalmanUpdate::KalmanUpdate;
+    bool events_fill_distance() const noexcept { return true; }
+  };
+  const Trajectory motion = simulated::near_motion(1);
+  const auto events = simulated::near_events(motion, 0.1, 1);
+  const auto called_tracked = [&](auto tracker) {
+    int tracked = 0, poses = 0;
+    tracker.push(events, [&](const PoseEstimate& pose) {
+      ++poses;
+      tracked += pose.quality.state == TrackingState::tracking;
+    });
+    CHECK(poses > 100);
+    return tracked;
+  };
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  CHECK(called_tracked(MarkerTracker<KalmanUpdate>(simulated::camera, model, motion(0))) > 100);
+  CHECK(called_tracked(MarkerTracker<Filled>(simulated::camera, model, motion(0))) == 0);
 }
