@@ -347,7 +347,7 @@ inline std::vector<Target> recording_targets() {
       {"dat", fuzz_dat, dat_seeds, {0, 1, make_dat_part}, 512, 50'000, 5},
       {"aedat2", fuzz_aedat2, aedat2_seeds, {0, 1, make_aedat2_part}, 512, 50'000, 6.5},
       {"aedat3", fuzz_aedat3, aedat3_seeds, {0, 1, make_aedat3_part}, 1024, 50'000, 4.4},
-      {"aedat4", fuzz_aedat4, aedat4_seeds, {0, 1, make_aedat4_part}, 4096, 50'000, 2.4},
+      {"aedat4", fuzz_aedat4, aedat4_seeds, {0, 1, make_aedat4_part}, 4096, 20'000, 2.4},
   };
 }
 

@@ -67,6 +67,14 @@ TEST_CASE("edges along the motion need no events") {
   CHECK(hidden.go({4, 0}, {0, 800, 0, 0}).value() > 0);
 }
 
+TEST_CASE("an edge that moved along itself amid its neighbours' events is not missed when it moves across") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  // Edges lie close together at a grazing angle: some of what a neighbour makes is matched to an edge that makes none.
+  for (int i = 0; i < 20; ++i) walk.go({4, 0.01}, {400, 800, 0, 800});
+  CHECK(walk.go({3, 3}, {800, 800, 800, 800}).value() < 0);
+}
+
 TEST_CASE("an edge on a side that is turned away is not missed") {
   Walk walk;
   walk.model.segments[3].face_normal = -Eigen::Vector3d::UnitZ();

@@ -16,6 +16,7 @@
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/update/decoupled_update.hpp"
 #include "message_of.hpp"
+#include "sanitized.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
@@ -479,7 +480,8 @@ TEST_CASE("missing events are bridged as long as the motion tells where the edge
     CHECK(after.translation_mm().max < max_mm);
     return true;
   };
-  for (const Timestamp from : {100000, 170000, 240000, 310000, 380000}) {
+  for (const Timestamp from : {310000, 100000, 170000, 240000, 380000}) {
+    if (kSanitized && from != 310000) break;
     CAPTURE(from);
     for (const Timestamp missing : {500, 3000}) CHECK(goes_on_right(code_tracker(motion(0)), from, missing));
     for (const Timestamp missing : {6000, 9000, 12000, 20000}) goes_on_right(code_tracker(motion(0)), from, missing);

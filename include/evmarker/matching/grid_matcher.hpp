@@ -42,7 +42,7 @@ class GridMatcher {
     first_stretch_ = {2, 2 + (grid_->cells() + 1) * stretches_of_line_};
   }
 
-  /// Sets another maximal distance, for poses from the next `project` on.
+  /// Sets another maximal distance: at once for what matches, from the next `project` on for what is near.
   void set_max_distance_px(double distance_px) noexcept {
     segments_.set_max_distance_px(distance_px);
     max_distance_ = distance_px / focal_length_;

@@ -121,9 +121,10 @@ class EdgeActivity {
     double evidence = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       const double length_px = end_[i].along.norm(), swept = confirmed * this->swept(i);
-      double silent = 0;
-      if (swept > kJitter_px * length_px && expected_to_make_events(i, length_px))
-        silent = evidence_of_edge(i, swept, kJitter_px * length_px);
+      // Of an edge that hardly moved across itself, neither its silence nor its rate is known.
+      if (!(swept > kJitter_px * length_px)) continue;
+      const double silent =
+          expected_to_make_events(i, length_px) ? evidence_of_edge(i, swept, kJitter_px * length_px) : 0;
       evidence += silent;
       if (silent > 0) continue;  // a hidden edge's events do not show its usual rate
       history_[i].events = kFading * history_[i].events + events_[i];

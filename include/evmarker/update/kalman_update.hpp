@@ -16,10 +16,10 @@
 #include "evmarker/update/kalman_state.hpp"
 #include "evmarker/update/measurement_model.hpp"
 #include "evmarker/update/measurement_statistics.hpp"
+#include "evmarker/update/model_misfit.hpp"
 #include "evmarker/update/motion_bound.hpp"
 #include "evmarker/update/process_noise.hpp"
 #include "evmarker/update/response_time.hpp"
-#include "evmarker/update/unexplained_spread.hpp"
 #include "evmarker/update/update_rule.hpp"
 #include "evmarker/update/velocity_memory.hpp"
 
@@ -158,7 +158,8 @@ class KalmanUpdate {
   /// @param events_per_passage events that one pixel makes while an edge passes over it
   void measure_trail(Eigen::Isometry3d& T_camera_marker, double events_per_passage) noexcept {
     forget_events();
-    const double trail_px = expected_trail_px(edge_width_px(), events_per_passage), sigma_px = kTrailError * trail_px;
+    const double trail_px = expected_trail_px(edge_width_px(), events_per_passage),
+                 sigma_px = ModelMisfit::kTrailError * trail_px;
     MeasurementRow row{};
     row[6 + kTrail] = 1;
     row[6 + kBiases] = trail_px - model_.bias_px[kTrail];
@@ -227,8 +228,8 @@ class KalmanUpdate {
   double smear_px() const noexcept { return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s(); }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
-  /// True while events lie nearly evenly over the matching distance: the pose cannot be trusted, see UnexplainedSpread.
-  bool events_fill_distance() const noexcept { return unexplained_.fills_distance(); }
+  /// See ModelMisfit.
+  bool events_fill_distance() const noexcept { return misfit_.events_fill_distance(); }
   /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
   [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
     return model_.residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity, c.contrast);
@@ -246,10 +247,6 @@ class KalmanUpdate {
   static constexpr double kEvaluationSpreads = 8;
   static constexpr double kPixelVariance = 1.0 / 12;  // of a coordinate that is rounded to whole pixels [px^2]
   static constexpr double kLeastSpeed = 1e-3, kMostSpeed = 1e6;  // [px/s]
-  // What events do that the model does not say, the events of an edge have in common: of the variance that is
-  // unexplained, and of the squared disagreement about the trail, this share.
-  static constexpr double kOfEdges = 0.25;
-  static constexpr double kTrailError = 0.25;  // relative, of the trail that the edge's width tells
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -309,24 +306,18 @@ class KalmanUpdate {
   // it from another pose.
   double delay_variance_s2() const noexcept {
     const double px_per_s = this->px_per_s();
-    const double lag_s2 = px_per_s > 0 ? lag_px2_ / (px_per_s * px_per_s) : 0;
+    const double lag_s2 = px_per_s > 0 ? misfit_.along_motion_px2() / (px_per_s * px_per_s) : 0;
     return squared(settings_.latency_sigma_s) + response_time_.delay_variance_s2() + lag_s2;
   }
 
-  // How far what the model does not say of the events may shift the pose: once in some updates, as it takes its time.
+  // Once in some updates, as it takes its time.
   [[gnu::noinline]] void measure_misfit() noexcept {
-    if (signal_weight_ == 1) unexplained_.measure(statistics_.spread2_px(), max_distance_px_, smear_px());
-    lag_px2_ = unexplained_.px2();
-    double of_edges_px2 = unexplained_.px2();
-    if (bound_.is_set()) {  // before the trail is measured, the filter's own covariance has it
-      // The trail is estimated twice, by the filter and by the edges' width: what is not known of it shows in the
-      // difference. Where it is not known which side of an edge is dark, the filter does not correct it.
-      const double by_width_px = expected_trail_px(edge_width_px(), bound_.events_per_passage());
-      const double difference2 = squared(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail] - by_width_px);
-      lag_px2_ += squared(kTrailError * by_width_px) + difference2;
-      of_edges_px2 += difference2;
-    }
-    edge_factor_ = edges_.covariance_factor(kOfEdges * of_edges_px2);
+    if (signal_weight_ == 1) misfit_.measure_spread(statistics_.spread2_px(), max_distance_px_, smear_px());
+    // Where it is not known which side of an edge is dark, the filter does not correct the trail.
+    if (bound_.is_set())
+      misfit_.compare_trails(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail],
+                             expected_trail_px(edge_width_px(), bound_.events_per_passage()));
+    edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
   }
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
@@ -446,9 +437,8 @@ class KalmanUpdate {
   EdgeScatter edges_;
   EdgeGradients gradients_;
   ResponseTime response_time_;
-  UnexplainedSpread unexplained_;
-  double lag_px2_ = 0;          // variance of the pose along its motion, by what the model does not say of the events
-  double edge_factor_ = 1;      // of the covariance by the edges' errors, for the same reason
+  ModelMisfit misfit_;
+  double edge_factor_ = 1;      // of the covariance by the edges' errors, by the misfit
   double max_distance_px_ = 2;  // of matched events
   unsigned sampled_ = 0;        // events added one by one
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
