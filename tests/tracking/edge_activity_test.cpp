@@ -75,6 +75,31 @@ TEST_CASE("an edge that moved along itself amid its neighbours' events is not mi
   CHECK(walk.go({3, 3}, {800, 800, 800, 800}).value() < 0);
 }
 
+TEST_CASE("what a sensor's noise adds at rest is not taken for the edges' events when they move again") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  const double before = walk.activity.events_per_passage();
+  for (int i = 0; i < 250; ++i) CHECK_FALSE(walk.go({0, 0}, {100, 100, 100, 100}));
+  for (int i = 0; i < 3; ++i) CHECK(walk.go({1.5, 1.5}, {400, 400, 400, 400}).value() < 0);
+  CHECK(walk.activity.events_per_passage() == doctest::Approx(before).epsilon(0.3).scale(0));
+  CHECK(walk.go({3, 3}, {800, 0, 800, 0}).value() > 3);
+}
+
+TEST_CASE("a pixel that makes more events than it used to does so from the first pixel of a slow motion") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  const double before = walk.activity.events_per_passage();
+  for (int i = 0; i < 100; ++i) walk.go({0.25, 0.25}, {600, 600, 600, 600});
+  CHECK(walk.activity.events_per_passage() == doctest::Approx(9 * before).epsilon(0.1).scale(0));
+}
+
+TEST_CASE("rates that were too high come down again, so that hidden edges are found") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {8000, 8000, 8000, 8000});
+  for (int i = 0; i < 40; ++i) CHECK(walk.go({3, 3}, {800, 800, 800, 800}).value_or(0) < 1);
+  CHECK(walk.go({3, 3}, {800, 0, 800, 0}).value() > 3);
+}
+
 TEST_CASE("an edge on a side that is turned away is not missed") {
   Walk walk;
   walk.model.segments[3].face_normal = -Eigen::Vector3d::UnitZ();

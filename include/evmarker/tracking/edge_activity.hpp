@@ -65,8 +65,9 @@ class EdgeActivity {
       begin_interval(middle_events);
       return std::nullopt;
     }
-    if (swept_px2 < kDistance * length_px) {
+    if (swept_px2 < kDistance_px * length_px) {
       total_ = 0;  // due again after as many more events, which count together with these
+      if (events_are_background(swept_px2, length_px)) begin_interval(middle_events);
       return std::nullopt;
     }
     const double evidence = evaluate(swept_px2);
@@ -88,7 +89,8 @@ class EdgeActivity {
   }
 
  private:
-  static constexpr double kDistance = 1;      // [px] mean motion of the edges that is enough to evaluate them
+  static constexpr double kDistance_px = 1;   // mean motion of the edges that is enough to evaluate them
+  static constexpr double kRest_px = 0.1;     // by less, they are at rest
   static constexpr double kJitter_px = 0.5;   // by errors of the pose, an edge may seem to move so far
   static constexpr double kLong_px = 8;       // of a shorter edge, blur reaches the middle half
   static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
@@ -106,6 +108,14 @@ class EdgeActivity {
     double events = 0, swept_px2 = 0;
   };
 
+  // True at rest, once there are twice as many events as all edges make while they move by a pixel: they would seem to
+  // be the edges' after that. Where edges do move, a pixel may make more events than it used to.
+  bool events_are_background(double swept_px2, double length_px) const noexcept {
+    double all = 0;
+    for (const int events : events_) all += events;
+    return density_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * density_ * length_px;
+  }
+
   // Returns the evidence of all edges, and adds their events to their histories.
   double evaluate(double swept_px2) noexcept {
     double all = 0, by_events = 0;
@@ -120,15 +130,17 @@ class EdgeActivity {
     const double confirmed = all > 0 ? by_events / all : 0;
     double evidence = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
-      const double length_px = end_[i].along.norm(), swept = confirmed * this->swept(i);
+      const double length_px = end_[i].along.norm(), jitter = kJitter_px * length_px;
+      const double swept = this->swept(i), confirmed_swept = confirmed * swept;
       // Of an edge that hardly moved across itself, neither its silence nor its rate is known.
-      if (!(swept > kJitter_px * length_px)) continue;
-      const double silent =
-          expected_to_make_events(i, length_px) ? evidence_of_edge(i, swept, kJitter_px * length_px) : 0;
+      if (!(swept > jitter)) continue;
+      const double silent = confirmed_swept > jitter && expected_to_make_events(i, length_px)
+                                ? evidence_of_edge(i, confirmed_swept, jitter)
+                                : 0;
       evidence += silent;
       if (silent > 0) continue;  // a hidden edge's events do not show its usual rate
-      history_[i].events = kFading * history_[i].events + events_[i];
-      history_[i].swept_px2 = kFading * history_[i].swept_px2 + swept;
+      history_[i].events = kFading * history_[i].events + confirmed * events_[i];
+      history_[i].swept_px2 = kFading * history_[i].swept_px2 + confirmed_swept;
     }
     return evidence;
   }
