@@ -77,7 +77,7 @@ TEST_CASE(
   const auto weight = [](double px_per_s, double polarity, double direction) {
     MeasurementModel noisy = model();
     noisy.noise_px_per_s = 10;
-    noisy.speed_deviation = 10;
+    noisy.speed_deviation_px_per_s = 10;
     noisy.twist = {{px_per_s, 0, 0}, {}};
     noisy.time_direction = direction;
     const double at = 0.3 - 0.2 * polarity;  // no residual

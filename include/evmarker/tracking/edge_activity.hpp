@@ -94,7 +94,7 @@ class EdgeActivity {
   static constexpr double kJitter_px = 0.5;   // by errors of the pose, an edge may seem to move so far
   static constexpr double kLong_px = 8;       // of a shorter edge, blur reaches the middle half
   static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
-  static constexpr double kMost = 3;          // limit of one edge's evidence: its contrast may have changed
+  static constexpr double kMost = 3;          // limit of one edge's log ratio: its contrast may have changed
   static constexpr double kFading = 0.9;      // of the history, at every evaluation
   static constexpr double kLeastRate = 1e-6;  // [1/px^2]
   static constexpr double kGrazing = 0.3;     // cosine of the angle between a side's normal and the line of sight

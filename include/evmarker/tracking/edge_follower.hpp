@@ -83,7 +83,7 @@ class EdgeFollower {
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     set_events_per_update(events_per_update_);
-    adapt_to_distance();
+    adapt_to_edge_length();
   }
 
   struct Result {
@@ -163,7 +163,7 @@ class EdgeFollower {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
     start_collecting();
-    adapt_to_distance();
+    adapt_to_edge_length();
     refresh_twist();
   }
 
@@ -226,7 +226,7 @@ class EdgeFollower {
   }
 
   // Sets what depends on the projected length of the edges. Called where nothing has been collected.
-  void adapt_to_distance() noexcept {
+  void adapt_to_edge_length() noexcept {
     adapt_to_spread();
     const double length_px = this->length_px();
     if (adapts_events_per_update_) {
@@ -415,14 +415,14 @@ class EdgeFollower {
     const unsigned choices = matcher_.edge_choices();
     in_front_ = choice_lifetime_.count_update() ? matcher_.project(T_camera_marker_)
                                                 : matcher_.move(T_camera_marker_, kChoiceHolds_px);
-    if (matcher_.edge_choices() != choices) adapt_to_distance();
+    if (matcher_.edge_choices() != choices) adapt_to_edge_length();
     refresh_twist();
     return updated;
   }
 
   double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }
 
-  // Of no use to a rule that does not estimate where an edge's events lie.
+  // Of no use to a rule without edge offset. In an edge's middle half, the distance from its ends counts as infinite.
   [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {
     if constexpr (MotionEstimatingRule<Rule>)
       middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();

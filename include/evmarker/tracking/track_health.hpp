@@ -57,12 +57,12 @@ class TrackHealth {
   }
 
   /// Judges the events since the last call. At the right pose most lie on an edge; at a wrong one they are spread
-  /// evenly, and a third matches by chance. Background at its usual rate is no evidence: its near events are
+  /// evenly, and a third matches by chance. Background up to twice its usual rate is no evidence: its near events are
   /// left out, and so are as many matches as come by chance with them. At rest, all events are background.
   [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double background = near_per_us_ * dt_us;
-    // More than twice the usual background and two standard deviations.
+    // Beyond twice the usual background and two standard deviations.
     const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
     constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
@@ -79,8 +79,8 @@ class TrackHealth {
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
     const double share_weight = sure() ? (matched_ + near_) / kShareMemory : 0;
-    // While the marker is surely followed, what lies beside its edges is background: its rate is the plain mean over
-    // the time that it is known for. Before that, it is averaged over kRateMemory_us.
+    // While the marker is surely followed, what lies beside its edges is background: its rate is a plain mean, up to
+    // kRateMemory_us. Otherwise it is averaged over kRateMemory_us.
     if (sure()) known_us_ = std::min(known_us_ + dt_us, kRateMemory_us);
     // Events of one time stamp have no rate.
     const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kRateMemory_us) : 0;
@@ -122,7 +122,7 @@ class TrackHealth {
   }
 
   bool lost() const noexcept { return lost_; }
-  /// True while nothing speaks against it, and the events speak for it.
+  /// True while no test speaks against the marker, and its matches speak for it.
   bool sure() const noexcept { return least() >= 0 && log_odds(LossReason::inconsistent) > bound_ / 2; }
   /// True while more speaks against it than for it.
   bool doubtful() const noexcept { return probability_ < 0.5; }

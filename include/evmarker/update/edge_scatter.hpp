@@ -18,7 +18,7 @@ namespace evmarker {
 class EdgeScatter {
  public:
   static constexpr std::size_t kStates = 7;  ///< of a row: pose and edge offset
-  using Row = std::array<double, kStates>;   ///< derivative of a residual by pose and edge offset
+  using Row = std::array<double, kStates>;   ///< of MeasurementModel, by pose and edge offset
 
   /// Adds the residual of an event.
   /// @param edge its number; edges whose numbers are equal modulo 64 count as one
@@ -69,9 +69,8 @@ class EdgeScatter {
 
  private:
   static constexpr std::size_t kEdges = 64;
-  static constexpr double kShare = 0.25;  // of an evaluation in the running mean of the variance
-  static constexpr double kNoInformation =
-      1e-6;  // information of an offset that no event tells, beside 1 of one that all do
+  static constexpr double kShare = 0.25;          // of an evaluation in the running mean of the variance
+  static constexpr double kNoInformation = 1e-6;  // added to that of the offset, which is 1 if all dark sides are known
 
   // k edges whose errors have variance v: the pose errs as if it had been found by k measurements of variance v.
   void spread_to_pose(double variance_over_edges) noexcept {

@@ -274,8 +274,8 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // An edge's events lie on its dark side, within its width, and behind it. A bias outside of these limits would come
-    // from other events.
+    // An edge's events lie on its dark side, within its width, and behind it. Another offset, or a negative trail,
+    // would come from other events.
     model_.bias_px[kOffset] = std::clamp(model_.bias_px[kOffset] + error.b[kOffset], 0.0, max_offset_px());
     model_.bias_px[kTrail] = std::max(0.0, model_.bias_px[kTrail] + error.b[kTrail]);
   }
@@ -331,7 +331,8 @@ class KalmanUpdate {
     const double lever2 = statistics_.lever2();
     const double variance =
         statistics_.gradient2() * (state_.translation_variance() + lever2 * state_.rotation_variance()) / 3;
-    model_.speed_deviation = std::max({kLeastSpeed, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostSpeed)});
+    model_.speed_deviation_px_per_s =
+        std::max({kLeastSpeed, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostSpeed)});
   }
 
   void update_means(int count) noexcept {
@@ -372,8 +373,8 @@ class KalmanUpdate {
   // Density of the white acceleration along each axis.
   std::array<double, 6> acceleration() const noexcept { return noise_.density(edge_speed(), statistics_.lever2()); }
 
-  // Bounds the motion of the edges during dt by the number of events. If the velocity moves them beyond the bound, or
-  // its standard deviation does, it is scaled down to it.
+  // Bounds the motion of the edges during dt by the number of events: where the velocity or its standard deviation
+  // would move them farther, scales both down.
   void limit_motion(int events, double dt) noexcept {
     bound_.lift();
     if (!(bound_.is_set() && statistics_.known())) return;

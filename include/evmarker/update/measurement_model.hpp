@@ -19,7 +19,7 @@ struct EventMeasurement {
   double weight;       ///< Cauchy's, less at an edge's ends, of an edge of little contrast, and amid noise
   double residual2;    ///< d squared [px^2]
   double lever2;       ///< |E - T| squared [m^2]
-  double gradient2;    ///< of the place of E's image along the normal, squared [px^2/m^2]
+  double gradient2;    ///< |g| squared, see `measure` [px^2/m^2]
 };
 
 /// Where the events of an edge lie. Edge offset: how far [px] they lie on average toward the dark side of their edge.
@@ -36,7 +36,7 @@ struct MeasurementModel {
   double response_s = 0;                  ///< by which the sensor's events are spread in time, see ResponseTime
   Vec6 twist{};                           ///< of the marker [m/s, rad/s]
   /// Standard deviation of an edge's speed along its normal, by what is not known of `twist`; positive [px/s].
-  double speed_deviation = 1e-3;
+  double speed_deviation_px_per_s = 1e-3;
   double noise_px_per_s = 0;  ///< speed of an edge that makes as many events as there is noise on it
   double time_direction = 1;  ///< -1 while events come in reverse
 
@@ -54,8 +54,9 @@ struct MeasurementModel {
   /// is the edge's contrast.
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
-  /// @param from_end_px2 squared distance from the edge's nearer end. Blur rounds the corners there: events lie up to
-  /// half a pixel farther inside of the corner. If they counted like others, markers would seem nearer than they are.
+  /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
+  /// there: events lie up to half a pixel farther inside of the corner. If they counted like others, markers would seem
+  /// nearer than they are.
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                   double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
@@ -77,10 +78,10 @@ struct MeasurementModel {
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
     const double absolute = std::abs(toward_dark_px_per_s);
     const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * absolute;
-    // The mean of max(x, 0), as x is known to `speed_deviation` only, is about max(x, 0) + speed_deviation^2 / b. All
-    // is multiplied by b: one division is enough.
-    const double b = 4 * absolute + 2 * speed_deviation;
-    const double speed_b = 0.5 * (x + absolute) * b + speed_deviation * speed_deviation;
+    // The mean of max(x, 0), as x is known to `speed_deviation_px_per_s` only, is about max(x, 0) +
+    // speed_deviation_px_per_s^2 / b. All is multiplied by b: one division is enough.
+    const double b = 4 * absolute + 2 * speed_deviation_px_per_s;
+    const double speed_b = 0.5 * (x + absolute) * b + speed_deviation_px_per_s * speed_deviation_px_per_s;
     return speed_b / (speed_b + noise_px_per_s * b);
   }
 

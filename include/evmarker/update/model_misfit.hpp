@@ -4,8 +4,8 @@
 
 namespace evmarker {
 
-/// Variances of the pose by what the model does not say of the events. A filter that is right about its model knows
-/// nothing of it: its own covariance shrinks with every event, while the events of an edge all err alike.
+/// Variances of the pose by what the model does not say of the events. A filter takes its model for right: its own
+/// covariance shrinks with every event, while the events of an edge all err alike.
 class ModelMisfit {
  public:
   /// Standard deviation of the trail that an edge's width tells, relative to it.
@@ -16,18 +16,18 @@ class ModelMisfit {
     spread_.measure(spread2_px, max_distance_px, smear_px);
   }
 
-  /// Compares the two estimates of the trail: what is not known of it shows in their difference. Before that, the
-  /// filter's own covariance has the error of the trail.
+  /// Compares the two estimates of the trail: its variance is that of the second, and the square of their difference.
+  /// Until then, the filter's own covariance has the error of the trail.
   /// @param by_filter_px as the filter corrects it, on average over the edges
   /// @param by_width_px as the width of the edges tells it
   void compare_trails(double by_filter_px, double by_width_px) noexcept {
     difference_px2_ = squared(by_filter_px - by_width_px);
-    trail_px2_ = squared(kTrailError * by_width_px) + difference_px2_;
+    trail_variance_px2_ = squared(kTrailError * by_width_px) + difference_px2_;
   }
 
-  /// Of the pose along its motion, measured as that of the edges [px^2].
-  double along_motion_px2() const noexcept { return spread_.px2() + trail_px2_; }
-  /// Of the mean place of one edge's events [px^2].
+  /// Variance of the edges' places along their motion [px^2].
+  double along_motion_px2() const noexcept { return spread_.px2() + trail_variance_px2_; }
+  /// Variance of the mean place of one edge's events [px^2].
   double of_edge_px2() const noexcept { return kOfEdge * (spread_.px2() + difference_px2_); }
   /// True while events lie nearly evenly over the matching distance: the pose cannot be trusted.
   bool events_fill_distance() const noexcept { return spread_.fills_distance(); }
@@ -37,7 +37,7 @@ class ModelMisfit {
   static constexpr double squared(double x) noexcept { return x * x; }
 
   UnexplainedSpread spread_;
-  double difference_px2_ = 0, trail_px2_ = 0;
+  double difference_px2_ = 0, trail_variance_px2_ = 0;
 };
 
 }  // namespace evmarker

@@ -36,7 +36,7 @@ class MotionBound {
   /// @param px_per_m by which a motion across the line of sight shows in the image
   void measure(int events, double dt, double noise_per_s, double share, double px_per_m) noexcept {
     constexpr double kSafety = 8;  // for hidden edges, fewer events of fast ones, and a motion that has just begun
-    constexpr double kGrowth = 3;  // an interval counts as so many usual ones at most: a rest must not
+    constexpr double kGrowth = 3;  // usual intervals that one counts as at most, however long a rest
     if (events > 0) {
       const double interval_s = dt / events;
       if (interval_s_ > 0)
@@ -47,7 +47,7 @@ class MotionBound {
       if (since_usual_ >= kUsualEvery) measure_usual(noise_per_s);
     }
     double most = most_events(events - noise_per_s * dt);
-    if (dt > 0) most = std::min(most, usual_events_per_s_ * dt);
+    if (dt > 0) most = std::min(most, most_events_per_s_ * dt);
     most_px_ = kSafety * most / events_per_px_;
     most_m_ = most_px_ / px_per_m;
   }
@@ -57,8 +57,8 @@ class MotionBound {
   double most_px() const noexcept { return most_px_; }
   double most_m() const noexcept { return most_m_; }
 
-  /// The process noise of a step, limited to the bound and to ten turns of the marker: then nothing is known any more,
-  /// and beside the larger variances of a pause of years rounding would leave a covariance that is not definite.
+  /// The process noise of a step, limited to the bound and to ten turns of the marker, when nothing is known any more:
+  /// with the variances of a pause of years, rounding would make the covariance indefinite.
   /// @param acceleration density of the white acceleration of the translation [m^2/s^3]
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]; infinite if not known
   MotionStep limited(MotionStep motion, double acceleration, double lever2) const noexcept {
@@ -76,8 +76,8 @@ class MotionBound {
 
   // Events come in passages of c = events_per_passage, so that N of them have the variance N c. One passage is added to
   // N, which may be 0.
-  double most_events(double expected) const noexcept {
-    const double events = std::max(0.0, expected);
+  double most_events(double signal_events) const noexcept {
+    const double events = std::max(0.0, signal_events);
     return events + 3 * std::sqrt((events + events_per_passage_) * events_per_passage_);
   }
 
@@ -86,7 +86,7 @@ class MotionBound {
     constexpr double kTogether = 100;  // events
     since_usual_ = 0;
     const double together_s = kTogether * interval_s_;
-    usual_events_per_s_ = together_s > 0 ? most_events(kTogether - noise_per_s * together_s) / together_s : kInfinity;
+    most_events_per_s_ = together_s > 0 ? most_events(kTogether - noise_per_s * together_s) / together_s : kInfinity;
   }
 
   static constexpr int kUsualEvery = 16;  // events, to save time
@@ -94,8 +94,8 @@ class MotionBound {
   double events_per_px_ = 0;  // 0: not known
   double events_per_passage_ = 1;
   double interval_s_ = 0;          // usual one between events; 0: not known
-  int since_usual_ = kUsualEvery;  // events since usual_events_per_s_ was measured
-  double usual_events_per_s_ = kInfinity;
+  int since_usual_ = kUsualEvery;  // events since most_events_per_s_ was measured
+  double most_events_per_s_ = kInfinity;
   double most_px_ = kInfinity, most_m_ = kInfinity;
 };
 

@@ -32,8 +32,8 @@ class ResponseTime {
     sums_[8] += spread * v2;
     sums_[9] += spread * spread;
     sums_[10] += (1 - 3 * r2) * by * by * by;  // half its second derivative: how it grows with the variance
-    if (sums_[0] >= first_) [[unlikely]] {
-      first_ *= 2;
+    if (sums_[0] >= next_estimate_) [[unlikely]] {
+      next_estimate_ *= 2;
       estimate();
     }
   }
@@ -45,8 +45,8 @@ class ResponseTime {
     evaluations_ = kKept * evaluations_ + 1;
   }
 
-  /// By how much events are late at least [s], from what is significant of T and not a usual dead time; 0 where the
-  /// events show none.
+  /// Least delay of the events [s]: the root of T^2 less two standard deviations and the spread of a usual dead time; 0
+  /// where they show none.
   double delay_s() const noexcept { return delay_s_; }
   /// Variance of the true delay about it [s^2].
   double delay_variance_s2() const noexcept { return delay_variance_s2_; }
@@ -54,9 +54,8 @@ class ResponseTime {
  private:
   static constexpr double kKept = 0.97;      // of the sums, from one evaluation to the next
   static constexpr double kUsual_ms2 = 0.1;  // standard deviation of T^2 where nothing is known [ms^2]
-  // How far the variance of one edge's events may differ from that of another for other reasons than its speed; how
-  // many edges, each in both directions, err independently between two evaluations; and how sure the data must be, with
-  // that.
+  // Deviation of the events' variance from edge to edge for other reasons than speed; edges that err independently
+  // between two evaluations; standard deviations from which on the data are sure.
   static constexpr double kOfEdge_px2 = 0.1, kEdges = 4, kSurely = 5;
   static constexpr double kNoise_px_ms = 0.03;  // speed of an edge that makes as many events as 20 Hz/px of noise
   static constexpr double kDeadTime_ms = 0.2;   // spread that some events of 0.05 ms dead time each make, without delay
@@ -94,7 +93,7 @@ class ResponseTime {
   }
 
   double evaluations_ = 0;         // as they fade
-  double first_ = 1024;            // samples after which the first estimates are made, so early
+  double next_estimate_ = 1024;    // samples at which the next early estimate is made
   std::array<double, 11> sums_{};  // of n, u, u^2, v^2 [px^2/ms^2], v^2 u, v^4, spread, its products, and its growth
   double delay_s_ = 0, delay_variance_s2_ = 0;
 };

@@ -10,9 +10,9 @@ namespace evmarker {
 /// matching distance g has the variance r g^2, r < 1/3, and without the cut about r (1 - 1.7 r) / (1 - 3 r) g^2.
 class UnexplainedSpread {
  public:
-  /// @param spread2_px mean squared distance of matched events from their edges [px^2]
+  /// @param spread2_px mean squared residual of matched events [px^2]
   /// @param max_distance_px the matching distance
-  /// @param smear_px by which the response time that is known spreads them
+  /// @param smear_px their standard deviation by the response time that is known [px]
   void measure(double spread2_px, double max_distance_px, double smear_px) noexcept {
     constexpr double kMostFilled = 0.33;  // less than 1/3, at which all variances look alike
     filled_ = std::min(spread2_px / (max_distance_px * max_distance_px), kMostFilled);
