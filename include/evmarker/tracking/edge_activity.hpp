@@ -46,7 +46,8 @@ class EdgeActivity {
 
   /// Evaluates the events since the last evaluation, and begins a new interval. Returns the logarithm of how much
   /// likelier these events are if half of the edges are hidden than if all are in sight; nothing before the wireframe
-  /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts of the edges, too.
+  /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts
+  /// of the edges, too.
   /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
   std::optional<double> log_likelihood_of_loss(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
                                                std::span<const std::uint32_t> middle_events) noexcept {
