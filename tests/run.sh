@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Builds and runs every test, optimised and again under the address and undefined behaviour sanitizers, and those of
-# threads under the thread sanitizer; stops at the first failure. Arguments name other presets to run instead: tests/run.sh debug
+# Builds and runs every test: those of the package, its consumers and the Python module, optimised; all others under the
+# address and undefined behaviour sanitizers; those of threads under the thread sanitizer. Stops at the first failure.
+# Arguments name other presets to run instead: tests/run.sh release runs all that needs no sanitizer, optimised.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -11,7 +12,7 @@ cores=$(nproc)
 export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$cores}
 export CTEST_PARALLEL_LEVEL=${CTEST_PARALLEL_LEVEL:-$cores}
 if [ $# -eq 0 ]; then
-  set -- tests asan tsan
+  set -- package asan tsan
 fi
 for preset in "$@"; do
   printf '\n=== %s ===\n' "$preset"
