@@ -40,7 +40,6 @@ std::vector<Method> methods(int stride) {
       {"paper", "paper's numbers", true, &bench::paper_numbers},
       {"tuned", "paper's rule tuned", true, &bench::paper_rule_tuned},
       {"kalman", "Kalman", true, &bench::kalman},
-      {"polarity_check", "Kalman with polarity check", true, &bench::kalman_with_polarity},
       {"polarity", "ArUco on polarity frame every 5 ms", true, &bench::aruco_on_polarity},
       {"aruco60", "ArUco on grey images 60 Hz (8 ms)", false,
        [=](const Situation& s, const auto&) { return bench::run_grey(s, video, 1, bench::Aruco(s)); }},

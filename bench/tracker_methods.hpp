@@ -78,11 +78,4 @@ inline Run kalman(const Situation& situation, const std::vector<Event>& events) 
   return run_tracker(situation, events, TrackerSettings<KalmanUpdate>{});
 }
 
-/// The same, but events that contradict the predicted motion of their edge are left out.
-inline Run kalman_with_polarity(const Situation& situation, const std::vector<Event>& events) {
-  TrackerSettings<KalmanUpdate> settings;
-  settings.marker.polarity_check = true;
-  return run_tracker(situation, events, settings);
-}
-
 }  // namespace evmarker::bench

@@ -121,7 +121,6 @@ MarkerTrackerSettings<Rule> read_settings(Numbers& numbers) {
   settings.verification.min_events = numbers.byte();
   settings.verification.max_events = 1 + 4 * std::size_t{numbers.byte()};
   settings.verification.every = 1 + numbers.byte() % 3;
-  settings.polarity_check = numbers.flag();
   if (numbers.byte() % 64 != 1) settings.start_search.reset();
   const double factor = numbers.around_one(1000);
   if constexpr (std::is_same_v<Rule, KalmanUpdate>) {

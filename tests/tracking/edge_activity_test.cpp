@@ -23,12 +23,12 @@ struct Walk {
   EdgeActivity activity{model, kFocalLength};
   Eigen::Vector2d place{0, 0};
 
-  Walk() { activity.log_likelihood_of_loss(model, square_at(0, 0), kNoCounts); }
+  Walk() { activity.log_likelihood_ratio(model, square_at(0, 0), kNoCounts); }
   std::optional<double> go(const Eigen::Vector2d& way, const std::vector<int>& events) {
     for (std::size_t segment = 0; segment < events.size(); ++segment)
       for (int i = 0; i < events[segment]; ++i) activity.add(static_cast<int>(segment));
     place += way;
-    return activity.log_likelihood_of_loss(model, square_at(place.x(), place.y()), kNoCounts);
+    return activity.log_likelihood_ratio(model, square_at(place.x(), place.y()), kNoCounts);
   }
 };
 
@@ -36,7 +36,7 @@ struct Walk {
 
 TEST_CASE("the first question only says where the edges are, and too little motion says nothing") {
   EdgeActivity activity(kSquare, kFocalLength);
-  CHECK_FALSE(activity.log_likelihood_of_loss(kSquare, square_at(0, 0), kNoCounts));
+  CHECK_FALSE(activity.log_likelihood_ratio(kSquare, square_at(0, 0), kNoCounts));
   CHECK_FALSE(activity.due());
   Walk walk;
   CHECK_FALSE(walk.go({0.5, 0.5}, {400, 400, 0, 400}));
@@ -135,7 +135,7 @@ TEST_CASE(
     for (int i = 0; i < 1000; ++i) walk.activity.add(i % 4);
     Eigen::Isometry3d grazing = square_at(x, 20);
     grazing.rotate(Eigen::AngleAxisd(1.4, Eigen::Vector3d::UnitY()));
-    CHECK_FALSE(walk.activity.log_likelihood_of_loss(walk.model, grazing, kNoCounts));
+    CHECK_FALSE(walk.activity.log_likelihood_ratio(walk.model, grazing, kNoCounts));
     CHECK_FALSE(walk.activity.due());
     CHECK(walk.activity.events_per_passage() == before);
   }
@@ -159,6 +159,6 @@ TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double before = walk.activity.events_per_passage();
-  CHECK_FALSE(walk.activity.log_likelihood_of_loss(kSquare, square_at(nan, 0), kNoCounts));
+  CHECK_FALSE(walk.activity.log_likelihood_ratio(kSquare, square_at(nan, 0), kNoCounts));
   CHECK(walk.activity.events_per_passage() == before);
 }

@@ -42,7 +42,6 @@ struct CountingRule {
     bool skip = false;
     double step_z = 0;
     double smear_px = 0;
-    Vector6d twist = Vector6d::Zero();
   };
   CountingRule(const Settings& given, int events) : settings(given), events_per_update(events) {}
   void add(const Correspondence& c, const Isometry3d& T_camera_marker) noexcept {
@@ -60,12 +59,9 @@ struct CountingRule {
   }
   void set_events_per_update(int events) noexcept { events_per_update = events; }
   void extrapolate(Eigen::Isometry3d&, Timestamp) noexcept {}
-  void reverse() noexcept {
-    ++reversals;
-    settings.twist *= -1;
-  }
+  void reverse() noexcept { ++reversals; }
   Matrix6d covariance() const noexcept { return Matrix6d::Zero(); }
-  Vector6d twist() const noexcept { return settings.twist; }
+  Vector6d twist() const noexcept { return Vector6d::Zero(); }
 
   Settings settings;
   int events_per_update, added = 0, updates = 0, reversals = 0;
@@ -441,20 +437,7 @@ TEST_CASE("impossible settings and poses are refused with field and value") {
 
 namespace {
 
-Vector6d twist(const Vector3d& v, const Vector3d& w) { return (Vector6d() << v, w).finished(); }
-
-// Follows the lone edge with a given twist; the first update, with one event, tells it to the follower.
-CountingFollower moving_edge(const Vector6d& twist, CountingFollower::Settings settings = {.polarity_check = true},
-                             const MarkerModel& model = lone_edge()) {
-  settings.events_per_update = 1;
-  settings.update.twist = twist;
-  CountingFollower follower(model, kFocal, kAhead, settings);
-  REQUIRE(follower.push(px(0, 0), 0).updated);
-  return follower;
-}
-
 constexpr double kOn = 1, kOff = -1;
-const Vector6d kIntoTheDark = twist({0, 0.5, 0}, {0, 0, 0});  // 250 px/s
 
 // Moves on straight at 400 px/s while it turns, and turns back on the spot every 50 ms.
 Isometry3d zigzag(double seconds) {
@@ -492,168 +475,38 @@ std::vector<PolarSight> zigzag_events(Timestamp duration_us) {
 
 }  // namespace
 
-TEST_CASE("an event whose polarity contradicts the motion of its edge is offered, not taken") {
-  CountingFollower follower = moving_edge(kIntoTheDark);
-  CHECK(follower.push(px(10, 1), 1, kOff).match == MatchResult::contradicting);
-  CHECK(follower.push(px(-10, -1), 2, kOff).match == MatchResult::contradicting);
-  CHECK(follower.rule().added == 1);
-  CHECK(follower.push(px(10, 1), 3, kOn).updated);
-  CHECK(follower.rule().added == 2);
-  CHECK(follower.last_update().matched == 1);
-  CHECK(follower.last_update().offered == 3);
-  CHECK(follower.push(px(0, 4), 4, kOff).match == MatchResult::near);
-
-  CountingFollower out_of_the_dark = moving_edge(-kIntoTheDark);
-  CHECK(out_of_the_dark.push(px(10, 1), 1, kOn).match == MatchResult::contradicting);
-  CHECK(out_of_the_dark.push(px(10, 1), 2, kOff).match == MatchResult::matched);
-}
-
-TEST_CASE("a turning edge moves one way at one end and the other way at the other") {
-  CountingFollower follower = moving_edge(twist({0, 0, 0}, {0, 0, 10}));  // 400 px/s at 40 px
-  CHECK(follower.push(px(40, 0), 1, kOff).match == MatchResult::contradicting);
-  CHECK(follower.push(px(-40, 0), 2, kOff).match == MatchResult::matched);
-  CHECK(follower.push(px(-40, 0), 3, kOn).match == MatchResult::contradicting);
-  CHECK(follower.push(px(40, 0), 4, kOn).match == MatchResult::matched);
-  CHECK(follower.push(px(4, 0), 5, kOff).match == MatchResult::matched);  // 40 px/s: too slow to be sure
-}
-
-TEST_CASE("seen backwards in time a marker contradicts the same events") {
-  CountingFollower follower = moving_edge(kIntoTheDark);
-  follower.reverse();
-  REQUIRE(follower.rule().twist().y() == -0.5);
-  CHECK(follower.push(px(10, 1), 1, kOff).match == MatchResult::contradicting);
-  CHECK(follower.push(px(10, 1), 2, kOn).match == MatchResult::matched);
-  follower.reverse();
-  CHECK(follower.push(px(10, 1), 3, kOff).match == MatchResult::contradicting);
-  CHECK(follower.push(px(10, 1), 4, kOn).match == MatchResult::matched);
-}
-
-TEST_CASE("polarity is not checked where nothing sure is known, nor if it is not wanted") {
-  const auto takes_both = [](CountingFollower follower) {
-    return follower.push(px(10, 1), 1, kOff).updated && follower.push(px(10, 1), 2, kOn).updated;
-  };
-  CHECK_FALSE(takes_both(moving_edge(kIntoTheDark)));
-  CHECK(takes_both(moving_edge(Vector6d::Zero())));
-  CHECK(takes_both(moving_edge(kIntoTheDark, {})));
-  CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_per_s = 251})));
-  CHECK_FALSE(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true, .polarity_check_px_per_s = 249})));
-  CHECK(takes_both(moving_edge(kIntoTheDark, {.polarity_check = true},
-                               {{{-0.1, 0, 0}, {0.1, 0, 0}}, {{0, 1}}})));  // dark side unknown
-  CHECK(takes_both(moving_edge(Vector6d::Constant(std::numeric_limits<double>::quiet_NaN()))));
-  CountingFollower of_no_polarity = moving_edge(kIntoTheDark);
-  for (int i = 0; i < 20; ++i) CHECK(of_no_polarity.push(px(10, 1), i).updated);
-}
-
-TEST_CASE("a prediction that most events of an edge contradict keeps no event away") {
-  CountingFollower follower = moving_edge(kIntoTheDark);
-  int rejected = 0;
-  for (int i = 0; i < 200; ++i) rejected += !follower.push(px(10, 1), i, kOff).updated;
-  CHECK(rejected == 5);
-  for (int i = 0; i < 50; ++i) CHECK(follower.push(px(10, 1), i, kOn).updated);  // the prediction was right after all
-  CHECK(follower.push(px(10, 1), 300, kOff).match == MatchResult::contradicting);
-}
-
-TEST_CASE("a marker that turns back on the spot is followed, and without the check as if there was none") {
+TEST_CASE("a marker that turns back on the spot is followed, there and back in time, whatever is told of polarity") {
   const auto events = zigzag_events(400'000);
-  struct Outcome {
-    int contradicting = 0, updates = 0;
-    double worst_px = 0, mean_px = 0;
-    std::vector<Isometry3d> poses;
-  };
-  enum class Polarity { told, unknown };
-  const auto run = [&](int n, bool check, Polarity polarity) {
-    EdgeFollower<KalmanUpdate> follower(
-        evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
-        {.events_per_update = n,
-         .update = {.offset_drift_px = 1e-3, .initial_sigma_offset_px = 1e-3, .initial_sigma_trail_px = 1e-3},
-         .polarity_check = check});
-    Outcome outcome;
-    for (const PolarSight& event : events) {
-      const auto result = polarity == Polarity::told ? follower.push(event.m, event.t, event.polarity)
-                                                     : follower.push(event.m, event.t);
-      outcome.contradicting += result.match == MatchResult::contradicting;
-      if (!result.updated) continue;
-      const double error = corner_error_px(follower.T_camera_marker(), zigzag(1e-6 * static_cast<double>(event.t)));
-      outcome.worst_px = std::max(outcome.worst_px, error);
-      outcome.mean_px += (error - outcome.mean_px) / ++outcome.updates;
-      outcome.poses.push_back(follower.T_camera_marker());
-    }
-    return outcome;
-  };
-  REQUIRE(corner_error_px(zigzag(0), zigzag(0.05)) > 15);
-  for (const int n : {1, 10, 100}) {
-    CAPTURE(n);
-    const Outcome with = run(n, true, Polarity::told), without = run(n, false, Polarity::told),
-                  unknown = run(n, true, Polarity::unknown), unchecked = run(n, false, Polarity::unknown);
-    MESSAGE("n = " << n << ": " << with.contradicting << " contradicting; worst " << with.worst_px << " px, without "
-                   << without.worst_px << " px; mean " << with.mean_px << ", " << without.mean_px << " px");
-    CHECK(with.contradicting >= 7);          // seven times it turned back, unforeseen
-    CHECK(with.contradicting <= 7 * 4 * 6);  // and each of four edges was believed soon
-    CHECK(with.worst_px < 2 * without.worst_px);
-    CHECK(with.worst_px < 1);
-    CHECK(with.mean_px < 1.1 * without.mean_px);
-    CHECK(without.contradicting == 0);
-    // Of unknown polarity: as if there were no check. That one takes its events one by one, which rounds in another
-    // way, and other events are sampled for the response time.
-    constexpr double kSampledOthers_px = 0.01;
-    CHECK(unknown.contradicting == 0);
-    REQUIRE(unchecked.poses.size() == unknown.poses.size());
-    for (std::size_t i = 0; i < unknown.poses.size(); ++i)
-      REQUIRE(corner_error_px(unchecked.poses[i], unknown.poses[i]) < kSampledOthers_px);
-  }
-}
-
-TEST_CASE("on the way back over its events a follower finds as few contradictions") {
-  auto events = zigzag_events(45'000);
-  EdgeFollower<KalmanUpdate> follower(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
-                                      {.events_per_update = 20, .polarity_check = true});
-  int there = 0, back = 0, flipped = 0;
-  for (const PolarSight& event : events)
-    there += follower.push(event.m, event.t, event.polarity).match == MatchResult::contradicting;
-  EdgeFollower<KalmanUpdate> backward = follower, wrong = follower;
-  backward.reverse();
-  wrong.reverse();
-  for (auto event = events.rbegin(); event != events.rend(); ++event) {
-    back += backward.push(event->m, 90'000 - event->t, event->polarity).match == MatchResult::contradicting;
-    flipped += wrong.push(event->m, 90'000 - event->t, -event->polarity).match == MatchResult::contradicting;
-  }
-  CHECK(there < 5);
-  CHECK(back < 5);
-  CHECK(flipped >= 20);  // so it was checked: five of each edge before it is believed
-  CHECK(corner_error_px(backward.T_camera_marker(), zigzag(0)) < 0.5);
-}
-
-TEST_CASE("events of the wrong polarity on a moving edge do not drag it along") {
-  // On 3 in 10 events a second edge, close by and of the other polarity, makes the follower's edge its own. They do
-  // not trail, which is told: before the motion has turned, nothing says whether events trail or the pose lags.
-  const auto events = zigzag_events(45'000);
-  const auto error_px = [&](bool check) {
-    EdgeFollower<KalmanUpdate> follower(evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
-                                        {.events_per_update = 20,
-                                         .update = {.offset_drift_px = 1e-3, .initial_sigma_trail_px = 1e-3},
-                                         .polarity_check = check});
-    double sum = 0;
+  const auto follow = [&](EdgeFollower<KalmanUpdate>& follower, bool polarity_is_told) {
+    double worst_px = 0;
     int updates = 0;
-    for (std::size_t i = 0; i < events.size(); ++i) {
-      const auto& [m, t, polarity] = events[i];
-      const Vector2d aside = i % 10 < 3 ? px(1, 1) : px(0, 0);
-      if (!follower.push(m + aside, t, i % 10 < 3 ? -polarity : polarity).updated) continue;
-      sum += corner_error_px(follower.T_camera_marker(), zigzag(1e-6 * static_cast<double>(t)));
+    for (const PolarSight& event : events) {
+      if (!follower.push(event.m, event.t, polarity_is_told ? event.polarity : 0).updated) continue;
+      const Isometry3d truth = zigzag(1e-6 * static_cast<double>(event.t));
+      worst_px = std::max(worst_px, corner_error_px(follower.T_camera_marker(), truth));
       ++updates;
     }
     REQUIRE(updates > 200);
-    return sum / updates;
+    return worst_px;
   };
-  const double with = error_px(true), without = error_px(false);
-  MESSAGE(with << " px with the check, " << without << " px without");
-  CHECK(without > 0.2);
-  CHECK(with < 0.5 * without);
-}
-
-TEST_CASE("a threshold of the polarity check that is no speed is refused") {
-  for (const double value : {-1.0, std::numeric_limits<double>::quiet_NaN()})
-    CHECK_THROWS_WITH_AS(CountingFollower(lone_edge(), kFocal, kAhead, {.polarity_check_px_per_s = value}),
-                         doctest::Contains("polarity_check_px_per_s is "), std::invalid_argument);
+  REQUIRE(corner_error_px(zigzag(0), zigzag(0.05)) > 15);
+  for (const int n : {1, 10, 100})
+    for (const bool polarity_is_told : {true, false}) {
+      CAPTURE(n);
+      CAPTURE(polarity_is_told);
+      EdgeFollower<KalmanUpdate> follower(
+          evmarker::make_square_marker(2 * kHalf), kFocal, zigzag(0),
+          {.events_per_update = n,
+           .update = {.offset_drift_px = 1e-3, .initial_sigma_offset_px = 1e-3, .initial_sigma_trail_px = 1e-3}});
+      const double worst_px = follow(follower, polarity_is_told);
+      follower.reverse();
+      for (auto event = events.rbegin(); event != events.rend(); ++event)
+        follower.push(event->m, 800'000 - event->t, polarity_is_told ? event->polarity : 0);
+      const double back_px = corner_error_px(follower.T_camera_marker(), zigzag(0));
+      MESSAGE("n = " << n << ": worst " << worst_px << " px; back at the start " << back_px << " px");
+      CHECK(worst_px < 0.5);
+      CHECK(back_px < 0.15);
+    }
 }
 
 TEST_CASE_TEMPLATE("events in groups of any size lead to the poses that they lead to one by one, bit for bit", Rule,

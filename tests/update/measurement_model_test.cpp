@@ -8,7 +8,7 @@ namespace {
 
 constexpr double kFarFromEnds_px2 = 1e6;
 
-MeasurementModel model() { return {.bias_px = {0.3, 0.2}, .robust_px = 2, .spread2_px = 0.25}; }
+MeasurementModel model() { return {.bias_px = {0.3, 0.2}, .robust_px = 2, .spread_px2 = 0.25}; }
 
 }  // namespace
 

@@ -33,7 +33,7 @@ TEST_CASE("measurement statistics: the spread forgets half in 693 events, howeve
       statistics.update_means(n);
       statistics.clear();
     }
-    CHECK(statistics.spread2_px() == doctest::Approx(2).epsilon(0.001).scale(0));  // from 1 to 3
+    CHECK(statistics.spread_px2() == doctest::Approx(2).epsilon(0.001).scale(0));  // from 1 to 3
   }
 }
 

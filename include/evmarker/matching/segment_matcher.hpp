@@ -32,9 +32,8 @@ inline void validate(const SegmentMatcherSettings& settings) {
 /// What an event was matched to.
 enum class MatchResult {
   matched,
-  ambiguous,      ///< two segments are nearly equally near
-  contradicting,  ///< its polarity contradicts the motion of its edge: a result of EdgeFollower, not of the matchers
-  near,           ///< not matched, but beside a segment and within three times the maximal distance
+  ambiguous,  ///< two segments are nearly equally near
+  near,       ///< not matched, but beside a segment and within three times the maximal distance
   far
 };
 

@@ -41,7 +41,7 @@ class EdgeActivity {
     ++total_;
   }
 
-  /// True once there are enough events for `log_likelihood_of_loss`, which costs as much as some hundred events.
+  /// True once there are enough events for `log_likelihood_ratio`, which costs as much as some hundred events.
   bool due() const noexcept { return total_ >= interval_; }
 
   /// Evaluates the events since the last evaluation, and begins a new interval. Returns the logarithm of how much
@@ -49,8 +49,8 @@ class EdgeActivity {
   /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts
   /// of the edges, too.
   /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
-  std::optional<double> log_likelihood_of_loss(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
-                                               std::span<const std::uint32_t> middle_events) noexcept {
+  std::optional<double> log_likelihood_ratio(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
+                                             std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
     double swept_px2 = 0, length_px = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -13,6 +12,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
+#include "evmarker/matching/matching_share.hpp"
 #include "evmarker/matching/model_matcher.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
@@ -29,12 +29,6 @@ struct EdgeFollowerSettings {
   int events_per_update = kAutomatic;
   SegmentMatcherSettings matching{};  ///< the paper's segment matching
   typename Rule::Settings update{};   ///< gains of the update rule
-  /// Discards events whose polarity contradicts the motion that the rule predicts for their edge. Has no effect with a
-  /// rule without a twist, on edges whose dark side is unknown, and on events of unknown polarity. Off by default: at a
-  /// good pose one event in a thousand contradicts, too few to matter, and at a bad one it is the prediction that errs.
-  /// It pays on a noisy sensor: at 60 Hz/px errors are a twentieth smaller.
-  bool polarity_check = false;
-  double polarity_check_px_per_s = 50;  ///< slower edges may be about to turn back: not checked [px/s along the normal]
 };
 
 /// @throws std::invalid_argument naming the setting that is out of range
@@ -43,7 +37,6 @@ void validate(const EdgeFollowerSettings<Rule>& settings) {
   const Require require("edge follower");
   require(settings.events_per_update >= 1 || settings.events_per_update == kAutomatic, "events_per_update",
           settings.events_per_update);
-  require(settings.polarity_check_px_per_s >= 0, "polarity_check_px_per_s", settings.polarity_check_px_per_s);
   validate(settings.matching);
   (void)Rule(settings.update, 1);  // validates the rule's own
 }
@@ -72,11 +65,8 @@ class EdgeFollower {
         edge_length_(matcher_.model(), focal_length),
         rule_(settings.update, events_per_update_),
         T_camera_marker_(T_camera_marker),
-        polarity_check_(settings.polarity_check),
-        polarity_check_px_per_s_(settings.polarity_check_px_per_s),
-        contradicted_(matcher_.model().segments.size(), 0.0f),
-        middle_events_(contradicted_.size()),
-        contrasts_(contradicted_.size(), 1.0f) {
+        middle_events_(matcher_.model().segments.size()),
+        contrasts_(matcher_.model().segments.size(), 1.0f) {
     validate(settings);
     if (!is_finite(T_camera_marker) || !is_rotation(T_camera_marker.linear()))
       throw std::invalid_argument("T_camera_marker is no rotation and translation");
@@ -102,9 +92,7 @@ class EdgeFollower {
   }
 
   /// True if events can be pushed in groups at the present pose.
-  bool accepts_groups() const noexcept {
-    return (matcher_.grid().on_grid() || matcher_.board() != nullptr) && !polarity_check_;
-  }
+  bool accepts_groups() const noexcept { return matcher_.grid().on_grid() || matcher_.board() != nullptr; }
 
   /// Takes events of a group from number `first` on, faster than one by one; to be called again with the others.
   /// Requires `accepts_groups()`.
@@ -164,7 +152,6 @@ class EdgeFollower {
     in_front_ = matcher_.project(T_camera_marker_);
     start_collecting();
     adapt_to_edge_length();
-    refresh_twist();
   }
 
   /// Moves the pose on to a later time by the rule's motion model. Until `pushed_until` all events have been pushed, so
@@ -178,9 +165,7 @@ class EdgeFollower {
   /// Prepares for past events, the newest first. The caller mirrors their times, so that they still increase.
   void reverse() noexcept {
     rule_.reverse();
-    reversed_ = !reversed_;
     start_collecting();
-    refresh_twist();
   }
 
   /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most 1:
@@ -237,28 +222,12 @@ class EdgeFollower {
         set_events_per_update(static_cast<int>(events));
     }
     if constexpr (NoiseAwareRule<Rule>)
-      if (std::abs(length_px - measured_length_px_) > length_px / 8) measure_matching_share(length_px);
+      if (std::abs(length_px - measured_length_px_) > length_px / 8) {
+        if (const auto share = matching_share(matcher_)) background_.expect_matching(*share);
+        measured_length_px_ = length_px;
+      }
     choice_lifetime_.begin(length_px, events_per_update_);
     bound_motion(length_px);
-  }
-
-  // Measures, with quasi-random points, which share of the area near the edges is matched: the share of a uniform
-  // background that matches by chance.
-  void measure_matching_share(double length_px) noexcept {
-    constexpr int kPoints = 512;
-    constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
-    const Box box = matcher_.reach();
-    int matching = 0, near = 0;
-    Correspondence correspondence;
-    for (int i = 1; i <= kPoints; ++i) {
-      const double x = i * kStep_x - std::floor(i * kStep_x), y = i * kStep_y - std::floor(i * kStep_y);
-      const MatchResult match =
-          matcher_.match({box.low.x + x * box.width(), box.low.y + y * box.height()}, correspondence);
-      matching += match == MatchResult::matched;
-      near += match != MatchResult::far;
-    }
-    if (near > 0) background_.expect_matching(static_cast<double>(matching) / near);
-    measured_length_px_ = length_px;
   }
 
   void bound_motion(double length_px) noexcept {
@@ -271,7 +240,7 @@ class EdgeFollower {
   void set_events_per_update(int events) noexcept {
     events_per_update_ = events;
     rule_.set_events_per_update(events);
-    adds_in_batches_ = BatchUpdateRule<Rule> && events >= kFewestForBatch && !polarity_check_;
+    adds_in_batches_ = BatchUpdateRule<Rule> && events >= kFewestForBatch;
   }
 
   // For how many events to choose edges in one batch: as many as may still be matched until edges are chosen anew, a
@@ -279,26 +248,6 @@ class EdgeFollower {
   std::size_t batch_size() const noexcept {
     const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
-  }
-
-  // Counts whether the event contradicts the motion of its edge; true if it is to be discarded. An edge that moves into
-  // the dark makes pixels brighter; seen backwards in time it moves out of the dark, and yet its events are the same. A
-  // wrong twist must not discard the events that would correct it: if most of an edge's last events contradict, none is
-  // discarded.
-  bool discards_by_polarity(const Correspondence& c, bool on) noexcept {
-    if (!c.dark_side_known) return false;
-    const Vec3 lever = Vec3(c.E) - translation(T_camera_marker_);
-    const double speed_px_per_s = dot(c.gradient, twist_->t + cross(twist_->r, lever));
-    if (!(std::abs(speed_px_per_s) > polarity_check_px_per_s_)) return false;
-    const bool brighter = (speed_px_per_s > 0) != reversed_;
-    float& share = contradicted_[static_cast<std::size_t>(c.segment)];
-    share += ((brighter != on ? 1.0f : 0.0f) - share) / 8;  // six contradictions in a row reach the half
-    return brighter != on && share < 0.5f;
-  }
-
-  void refresh_twist() noexcept {
-    if constexpr (MotionEstimatingRule<Rule>)
-      if (polarity_check_) twist_ = rule_.twist();
   }
 
   // `push` of a group, on a board.
@@ -358,9 +307,6 @@ class EdgeFollower {
     if (match == MatchResult::far) return {match};
     ++offered_;
     if (match != MatchResult::matched) return {match};
-    if constexpr (MotionEstimatingRule<Rule>)
-      if (twist_ && polarity != 0 && discards_by_polarity(correspondence, polarity > 0))
-        return {MatchResult::contradicting};
     correspondence.t = t;
     correspondence.polarity = polarity;
     correspondence.contrast = contrast(correspondence.segment);
@@ -416,7 +362,6 @@ class EdgeFollower {
     in_front_ = choice_lifetime_.count_update() ? matcher_.project(T_camera_marker_)
                                                 : matcher_.move(T_camera_marker_, kChoiceHolds_px);
     if (matcher_.edge_choices() != choices) adapt_to_edge_length();
-    refresh_twist();
     return updated;
   }
 
@@ -452,11 +397,6 @@ class EdgeFollower {
   double measured_length_px_ = 0;  // of the edges when the matching share was measured
   bool adds_in_batches_ = false;
   ChoiceLifetime choice_lifetime_;
-  bool polarity_check_;
-  double polarity_check_px_per_s_;
-  bool reversed_ = false;
-  std::optional<Vec6> twist_;                 // of the last update, for the polarity check
-  std::vector<float> contradicted_;           // by segment: running share of the events that contradict its motion
   std::vector<std::uint32_t> middle_events_;  // by segment
   std::vector<float> contrasts_;              // by segment
 };

@@ -22,8 +22,6 @@ struct MarkerTrackerSettings {
   typename Rule::Settings update{};     ///< gains of the update rule
   VerificationSettings verification{};  ///< tracking backwards, the paper's verification
   TrackHealthSettings health{};         ///< when a marker is declared lost
-  bool polarity_check = false;  ///< discards events that contradict their edge's motion, see EdgeFollowerSettings
-  double polarity_check_px_per_s = 50;  ///< slower edges are not checked [px/s along the normal]
   int converging_events = 0;  ///< least matched events before the pose is `tracking`; the evidence may need more
   /// Search for the marker around its start pose; without it, the marker is tracked from there at once.
   std::optional<StartPoseSearchSettings> start_search = StartPoseSearchSettings{};
@@ -32,8 +30,7 @@ struct MarkerTrackerSettings {
 /// The settings of a marker tracker that are those of its edge follower.
 template <PoseUpdateRule Rule>
 EdgeFollowerSettings<Rule> follower_settings(const MarkerTrackerSettings<Rule>& settings) {
-  return {settings.events_per_update, settings.matching, settings.update, settings.polarity_check,
-          settings.polarity_check_px_per_s};
+  return {settings.events_per_update, settings.matching, settings.update};
 }
 
 /// @throws std::invalid_argument naming the setting that is out of range

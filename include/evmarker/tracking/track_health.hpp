@@ -97,7 +97,7 @@ class TrackHealth {
   /// @param middle_events see EdgeFollower
   void judge_edges(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
                    std::span<const std::uint32_t> middle_events) noexcept {
-    const auto evidence = activity_.log_likelihood_of_loss(model, T_camera_marker, middle_events);
+    const auto evidence = activity_.log_likelihood_ratio(model, T_camera_marker, middle_events);
     if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
   }
   /// Forgets the edges' events since the last judgement: the pose has moved for another reason than the marker's
@@ -149,9 +149,9 @@ class TrackHealth {
   double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
   double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
 
-  void judge(double log_likelihood_of_loss, LossReason reason) noexcept {
+  void judge(double log_likelihood_ratio, LossReason reason) noexcept {
     double& log_odds = log_odds_[static_cast<std::size_t>(reason)];
-    log_odds = std::min(log_odds - log_likelihood_of_loss, bound_);
+    log_odds = std::min(log_odds - log_likelihood_ratio, bound_);
     summarise();
   }
 

@@ -103,7 +103,7 @@ class KalmanUpdate {
     const double mean_dt = count > 0 ? std::min(1e-6 * statistics_.sums().since_us / count, dt) : dt;
     if (count > 0) update_means(count);
     if (bound_.is_set()) moved_px_ += count / bound_.events_per_px();
-    if (moved_px_ > kEvaluationSpreads * std::sqrt(statistics_.spread2_px())) evaluate_residuals();
+    if (moved_px_ > kEvaluationSpreads * std::sqrt(statistics_.spread_px2())) evaluate_residuals();
     t_us_ = static_cast<double>(t);
     choose_velocity_memory(count, dt);
     limit_motion(count, dt);
@@ -114,7 +114,7 @@ class KalmanUpdate {
     set_pose(error, predicted_motion);
 
     const double information_per_event =
-        signal_weight_ / (squared(settings_.inflation) * std::max(statistics_.spread2_px(), kPixelVariance));
+        signal_weight_ / (squared(settings_.inflation) * std::max(statistics_.spread_px2(), kPixelVariance));
     const bool good = measurements_.correct(state_.P, error, information_per_event);
     forget_events();
 
@@ -298,7 +298,7 @@ class KalmanUpdate {
   // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only; slow pixels smear
   // them.
   double edge_width_px() const noexcept {
-    const double of_edge = statistics_.spread2_px() - kPixelVariance - squared(smear_px());
+    const double of_edge = statistics_.spread_px2() - kPixelVariance - squared(smear_px());
     return std::sqrt(12 * std::max(of_edge, kPixelVariance));
   }
 
@@ -312,7 +312,7 @@ class KalmanUpdate {
 
   // Once in some updates, as it takes its time.
   [[gnu::noinline]] void measure_misfit() noexcept {
-    if (signal_weight_ == 1) misfit_.measure_spread(statistics_.spread2_px(), max_distance_px_, smear_px());
+    if (signal_weight_ == 1) misfit_.measure_spread(statistics_.spread_px2(), max_distance_px_, smear_px());
     // Where it is not known which side of an edge is dark, the filter does not correct the trail.
     if (bound_.is_set())
       misfit_.compare_trails(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail],
@@ -321,7 +321,7 @@ class KalmanUpdate {
   }
 
   // The root mean square residual, but at least half a pixel, however sharp the edge is.
-  double max_offset_px() const noexcept { return std::sqrt(std::max(statistics_.spread2_px(), 0.25)); }
+  double max_offset_px() const noexcept { return std::sqrt(std::max(statistics_.spread_px2(), 0.25)); }
 
   // The motion by which the model tells events of moving edges from noise.
   void update_motion_of_model() noexcept {
@@ -337,7 +337,7 @@ class KalmanUpdate {
 
   void update_means(int count) noexcept {
     statistics_.update_means(count);
-    model_.spread2_px = statistics_.spread2_px();
+    model_.spread_px2 = statistics_.spread_px2();
   }
 
   // Rounding takes a rotation off SO(3), and the covariance off symmetry, by 1e-16 a step: to mend that at every step

@@ -32,7 +32,7 @@ struct EventMeasurement {
 struct MeasurementModel {
   std::array<double, kBiases> bias_px{};  ///< edge offset, trail
   double robust_px = 1;                   ///< scale of the Cauchy weights
-  double spread2_px = 1;                  ///< mean squared residual [px^2]
+  double spread_px2 = 1;                  ///< mean squared residual [px^2]
   double response_s = 0;                  ///< by which the sensor's events are spread in time, see ResponseTime
   Vec6 twist{};                           ///< of the marker [m/s, rad/s]
   /// Standard deviation of an edge's speed along its normal, by what is not known of `twist`; positive [px/s].
@@ -63,7 +63,7 @@ struct MeasurementModel {
     const double residual = residual_px(distance_px, s, p, contrast), residual2 = residual * residual;
     const double toward_dark_px_per_s = time_direction * (dot(g, twist.t) + dot(by_rotation, twist.r));
     const double smear_px = response_s * toward_dark_px_per_s, base2 = robust_px * robust_px;
-    const double robust2 = base2 + smear_px * smear_px, corner2 = kCornerSpreads2 * spread2_px;
+    const double robust2 = base2 + smear_px * smear_px, corner2 = kCornerSpreads2 * spread_px2;
     return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast, residual},
             signal_share(toward_dark_px_per_s, s * p) * contrast_weight(contrast) *
                 (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),

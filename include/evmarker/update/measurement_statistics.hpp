@@ -33,14 +33,14 @@ class MeasurementStatistics {
   /// Carries the sums over `count` events into the means.
   void update_means(int count) noexcept {
     const double share = known_ ? share_ : 1;
-    spread2_px_ += spread_share_ * (sums_.residual2 / count - spread2_px_);
+    spread_px2_ += spread_share_ * (sums_.residual2 / count - spread_px2_);
     lever2_ += share * (sums_.lever2 / count - lever2_);
     gradient2_ += share * (sums_.gradient2 / count - gradient2_);
     known_ = true;
   }
 
   /// Mean squared residual [px^2]; 1 at first.
-  double spread2_px() const noexcept { return spread2_px_; }
+  double spread_px2() const noexcept { return spread_px2_; }
   /// Mean |E - T| squared [m^2]; 0 at first.
   double lever2() const noexcept { return lever2_; }
   /// Mean squared gradient [px^2/m^2]; 0 at first.
@@ -52,7 +52,7 @@ class MeasurementStatistics {
 
  private:
   Sums sums_;
-  double spread2_px_ = 1, lever2_ = 0, gradient2_ = 0;
+  double spread_px2_ = 1, lever2_ = 0, gradient2_ = 0;
   bool known_ = false;
   double spread_share_ = 0, share_ = 0;  // weight of the next update in the running means
 };

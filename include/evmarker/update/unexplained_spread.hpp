@@ -10,13 +10,13 @@ namespace evmarker {
 /// matching distance g has the variance r g^2, r < 1/3, and without the cut about r (1 - 1.7 r) / (1 - 3 r) g^2.
 class UnexplainedSpread {
  public:
-  /// @param spread2_px mean squared residual of matched events [px^2]
+  /// @param spread_px2 mean squared residual of matched events [px^2]
   /// @param max_distance_px the matching distance
   /// @param smear_px their standard deviation by the response time that is known [px]
-  void measure(double spread2_px, double max_distance_px, double smear_px) noexcept {
+  void measure(double spread_px2, double max_distance_px, double smear_px) noexcept {
     constexpr double kMostFilled = 0.33;  // less than 1/3, at which all variances look alike
-    filled_ = std::min(spread2_px / (max_distance_px * max_distance_px), kMostFilled);
-    const double of_all = spread2_px * (1 - 1.7 * filled_) / (1 - 3 * filled_);
+    filled_ = std::min(spread_px2 / (max_distance_px * max_distance_px), kMostFilled);
+    const double of_all = spread_px2 * (1 - 1.7 * filled_) / (1 - 3 * filled_);
     px2_ = std::max(0.0, of_all - kSharp_px2 - smear_px * smear_px);
   }
 
