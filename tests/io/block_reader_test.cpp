@@ -1,6 +1,12 @@
 #include "evmarker/io/block_reader.hpp"
 
 #include <doctest/doctest.h>
+#include <sys/stat.h>
+
+#include <atomic>
+#include <chrono>
+#include <fstream>
+#include <thread>
 
 #include "evmarker/io/line_reader.hpp"
 #include "io/test_support.hpp"
@@ -51,6 +57,34 @@ TEST_CASE("BlockReader: missing files and folders") {
   BlockReader empty(write_file(folder / "empty", ""));
   CHECK(empty.next().empty());
   CHECK(empty.at_end());
+}
+
+TEST_CASE("BlockReader: a FIFO to which nobody writes is left when it is told to, and read when somebody does") {
+  const TemporaryFolder folder;
+  const auto path = folder / "fifo";
+  REQUIRE(::mkfifo(path.c_str(), 0600) == 0);
+  std::atomic<bool> stop = false;
+  std::thread stopping([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    stop = true;
+  });
+  CHECK(BlockReader(path, 4, &stop).next().empty());
+  stopping.join();
+  std::thread writer([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    std::ofstream(path) << "abcdef";
+  });
+  BlockReader reader(path, 4);
+  CHECK(text(reader.next()) == "abcd");
+  CHECK(text(reader.next()) == "ef");
+  CHECK(reader.next().empty());
+  writer.join();
+}
+
+TEST_CASE("BlockReader: a failure is told as often as it is asked") {
+  if (!std::filesystem::exists("/proc/self/mem")) return;  // whose first page is nowhere
+  BlockReader reader("/proc/self/mem");
+  for (int i = 0; i < 3; ++i) CHECK(contains(error_of([&] { reader.next(); }), "cannot read: Input/output error"));
 }
 
 TEST_CASE("LineReader: lines across blocks, with numbers, offsets and a missing end") {

@@ -226,6 +226,62 @@ TEST_CASE("start, stop and flush refuse to be called from a callback, also while
   CHECK(refused == 3);
 }
 
+TEST_CASE("start, stop and flush refuse to be called from the detector") {
+  struct Caller {
+    std::function<void()>* call;  // once it is set
+    std::atomic<bool>* ready;
+    std::atomic<bool>* called;
+    std::vector<MarkerDetection> detect(const PolarityFrame&) const {
+      while (!*ready) std::this_thread::sleep_for(1ms);
+      if (!called->exchange(true)) (*call)();
+      return {};
+    }
+    MarkerModel model(MarkerId) const { return make_square_marker(0.1); }
+  };
+  std::function<void()> call;
+  std::atomic<bool> ready = false, called = false;
+  std::atomic<int> refused = 0;
+  live::Pipeline pipeline(simulated::camera, Caller{&call, &ready, &called}, kNoPoses, Settings{});
+  const auto refuses = [&](const auto& control) {
+    try {
+      control();
+    } catch (const std::logic_error&) {
+      ++refused;
+    }
+  };
+  call = [&] {
+    refuses([&] { pipeline.start(); });
+    refuses([&] { pipeline.stop(); });
+    refuses([&] { pipeline.flush(); });
+  };
+  ready = true;
+  require_returns([&] {
+    while (!called) {
+      pipeline.push(plain_events(1000));
+      std::this_thread::sleep_for(1ms);
+    }
+    pipeline.stop();
+  });
+  CHECK(refused == 3);
+}
+
+// By a clock that is set back, the consumer would wait for as long as it was set back.
+TEST_CASE("a queue that is closed wakes its consumer at once") {
+  live::EventIntake intake(1 << 12, live::OverloadPolicy::thin, 1000us);
+  intake.open();
+  std::atomic<bool> waits = false;
+  std::thread consumer([&] {
+    waits = true;
+    intake.pop(std::chrono::hours(1));
+  });
+  while (!waits) std::this_thread::sleep_for(1ms);
+  std::this_thread::sleep_for(20ms);
+  require_returns([&] {
+    intake.close();
+    consumer.join();
+  });
+}
+
 TEST_CASE("a thread that cannot be started is an error of the constructor or of start, and the others are joined") {
   const auto make = [] { return live::Pipeline(simulated::camera, NoDetector{}, kNoPoses, Settings{}); };
   for (int started = 0; started < 2; ++started) {

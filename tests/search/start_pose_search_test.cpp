@@ -204,12 +204,12 @@ TEST_CASE("noise neither looks like the wireframe nor spends the chance to find 
     StartPoseSearch search = sketch.search_from(sketch.rough(1));
     double best = -1e9;
     for (const Event& event : sketch.draw(1)) {
-      const int before = search.searches();
+      const int before = search.attempts();
       const bool over = search.push(event, sketch.pixel(event));
       const double t = static_cast<double>(event.t) * 1e-6;
       if (t < sketch.rest_s) {
         REQUIRE(!over);
-        if (search.searches() > before) best = std::max(best, search.evidence());
+        if (search.attempts() > before) best = std::max(best, search.evidence());
       }
       if (!over) continue;
       MESSAGE("best of noise " << best << " nats in " << before << " searches, found " << 1e3 * (t - sketch.rest_s)
@@ -236,7 +236,7 @@ TEST_CASE("no event takes more than a bounded number of look-ups, and noise not 
       search.push(event, sketch.pixel(event));
       most = std::max(most, search.look_ups() - before);
     }
-    if (z < 1) CHECK(search.searches() > 0);  // or nothing was bounded
+    if (z < 1) CHECK(search.attempts() > 0);  // or nothing was bounded
     CHECK(most <= StartPoseSearch::kMostLookUps);
     CHECK(search.look_ups() < 2e7 + 0.05 * 500e6 + 8e6);  // what is saved up, in 50 ms, a last search
   }
@@ -251,6 +251,13 @@ TEST_CASE("a search goes on without end, or as long as it is told to") {
   StartPoseSearch ended = sketch.search_from(sketch.T, {.longest = std::chrono::milliseconds(200)});
   CHECK(run(ended, events, sketch) == doctest::Approx(0.2).epsilon(0.01).scale(0));
   CHECK(ended.state() == StartPoseSearch::State::given_up);
+  CHECK_FALSE(ended.replaying());  // there is no pose from which to replay
+
+  auto set_back = events;  // by an hour, after 0.1 s
+  for (Event& event : set_back)
+    if (event.t >= 100'000) event.t -= 3'600'000'000;
+  StartPoseSearch of_new_clock = sketch.search_from(sketch.T, {.longest = std::chrono::milliseconds(200)});
+  CHECK(run(of_new_clock, set_back, sketch) == doctest::Approx(0.2 - 3600).epsilon(1e-5).scale(0));
 
   MarkerTracker tracker(sketch.camera, kModel, sketch.T,
                         {.start_search = StartPoseSearchSettings{.longest = std::chrono::milliseconds(200)}});
@@ -284,7 +291,7 @@ TEST_CASE("a wireframe that is not to be seen is searched in vain, and in bounde
   sketch.T.linear() = so3_exp({3, 0, 0}) * sketch.T.linear();  // its back
   StartPoseSearch search = sketch.search_from(sketch.T);
   CHECK(run(search, sketch.draw(5), sketch) == -1);
-  CHECK(search.searches() > 0);
+  CHECK(search.attempts() > 0);
   CHECK(search.evidence() == 0);
 }
 

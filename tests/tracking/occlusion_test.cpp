@@ -23,7 +23,7 @@ TEST_CASE("a code marker's paper reaches a cell beyond its square, and its depth
   for (int i = 0; i < 200; ++i) {
     const Isometry3d T = random_pose(random, 0.4, 0.8);
     if (!matcher.project(T) || !matcher.on_grid()) continue;
-    const Box reach = matcher.reach(kSheetRim);
+    const Box reach = matcher.reach(kQuietZone);
     for (int k = 0; k < 50; ++k) {
       const Vector3d point(kLength * random(-1.5, 1.5), kLength * random(-1.5, 1.5), 0), seen = T * point;
       if (!(seen.z() > 0)) continue;

@@ -298,3 +298,15 @@ TEST_CASE("a rate that is none is refused by name") {
                       doctest::Contains("false_alarm_rate"));
   }
 }
+
+TEST_CASE("no events are no evidence") {
+  TrackHealth health(kSquare, kFocalLength, {});
+  const double before = health.probability();
+  health.judge_matches(10);
+  CHECK(health.probability() == before);
+  for (int i = 0; i < 5000 && !health.lost(); ++i) {
+    health.add(MatchResult::near, 0);
+    if (health.due()) health.judge_matches(20 + i);
+  }
+  CHECK(health.lost());
+}

@@ -398,6 +398,75 @@ TEST_CASE("after missing events, what was found before them is not followed") {
   }
 }
 
+namespace {
+
+// Gives a core events up to a time, in pieces that end where the core wants.
+template <typename Use>
+void push_until(TrackerCore<>& core, const std::vector<Event>& events, std::size_t& next, Timestamp t, const Use& use) {
+  const auto stop = [](const Event&) { return false; };
+  while (next < events.size() && events[next].t < t) next += core.push(std::span(&events[next], 1), stop, use);
+}
+
+}  // namespace
+
+TEST_CASE("a marker that moves by its size while the detector works is confirmed, and not taken for another's") {
+  // 15 mm at 0.6 m: 13 px, at 600 px/s on average.
+  const Trajectory motion = simulated::near_motion(63);
+  constexpr double kSide_m = 0.015;
+  const MarkerModel model = make_code_marker(kSide_m, simulated::code());
+  const auto events = simulated::record({simulated::camera,
+                                         {{.length = kSide_m, .bits = simulated::code(), .T_camera_marker = motion}},
+                                         SimulatorSettings{.duration_s = 0.6, .seed = 63}});
+  TrackerCore<> core(simulated::camera, {.detections_to_confirm = 4},
+                     SpatiotemporalFilter(simulated::camera.sensor_size()));
+  const auto use = [](const PoseEstimate&) {};
+  std::size_t next = 0;
+  int moved = 0;
+  for (Timestamp t = 20'000; t < 500'000 && core.statistics().registered == 0; t += 40'000) {
+    push_until(core, events, next, t, use);
+    const DetectionRequest request = core.request_detection(t);
+    DetectionResult result{.events_in_frame = request.events_in_frame};
+    MarkerDetection detection{.id = 0, .t = t, .T_camera_marker = motion(seconds(t))};
+    result.add({detection, model}, request.focal_length);
+    result.detected = result.markers.size();
+    result.sightings.assign(request.unconfirmed.size(), Sighting::there);
+    push_until(core, events, next, t + 35'000, use);
+    moved += !same_place(result.markers.front(), motion(seconds(t + 35'000)));
+    core.register_markers(result, use);
+    core.catch_up(100'000, use);
+  }
+  REQUIRE(moved >= 2);
+  CHECK(core.statistics().registered == 1);
+  CHECK(core.statistics().detections == 4);
+}
+
+TEST_CASE("a marker that is detected elsewhere again and again is dropped, also where there are as many as may be") {
+  const Trajectory motion = simulated::near_motion(64);
+  const auto events = simulated::near_events(motion, 0.4, 64);
+  TrackerCore<> core(simulated::camera, {.detections_to_confirm = 1, .max_markers = 1},
+                     SpatiotemporalFilter(simulated::camera.sensor_size()));
+  std::vector<LossReason> losses;
+  const auto use = [&](const PoseEstimate& pose) {
+    if (pose.quality.state == TrackingState::lost) losses.push_back(pose.quality.loss_reason);
+  };
+  std::size_t next = 0;
+  const auto detect = [&](Timestamp t, const std::vector<std::pair<MarkerId, Eigen::Isometry3d>>& places) {
+    push_until(core, events, next, t, use);
+    const DetectionRequest request = core.request_detection(t);
+    DetectionResult result{.events_in_frame = request.events_in_frame};
+    for (const auto& [id, T] : places)
+      result.add({{.id = id, .t = t, .T_camera_marker = T}, TrueDetector{motion}.model(id)}, request.focal_length);
+    result.detected = result.markers.size();
+    core.register_markers(result, use);
+  };
+  detect(20'000, {{0, motion(0.02)}});
+  detect(60'000, {{0, motion(0.06)}});
+  REQUIRE(core.statistics().registered == 1);
+  const Eigen::Isometry3d corner = facing_pose({0.25, 0.2, 0.7});
+  for (Timestamp t = 80'000; t < 300'000 && losses.empty(); t += 20'000) detect(t, {{5, corner}, {0, corner}});
+  CHECK(losses == std::vector{LossReason::replaced});
+}
+
 TEST_CASE("a detector that throws leaves no result behind, and tracking goes on") {
   const Trajectory motion = simulated::near_motion(58);
   const auto events = simulated::near_events(motion, 0.2, 58);

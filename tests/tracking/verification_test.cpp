@@ -89,7 +89,7 @@ TEST_CASE("thresholds and spans out of range are named") {
   CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = -1}), doctest::Contains("max_rotation_rad is -1"));
   CHECK_THROWS_WITH(V(follower, {.max_rotation_rad = std::numeric_limits<double>::quiet_NaN()}),
                     doctest::Contains("max_rotation_rad is nan"));
-  CHECK_THROWS_WITH(V(follower, {.max_events = 0}), doctest::Contains("0"));
+  CHECK_THROWS_WITH(V(follower, {.max_events = 0}), doctest::Contains("max_events is 0"));
 }
 
 TEST_CASE("the way back leads to where a good tracker was, and elsewhere for one on the wrong marker") {
@@ -195,4 +195,36 @@ TEST_CASE("a brief window is gone back over after some hundred events, and only 
   CHECK(brief[0] < 1500);
   CHECK(full[0] > 10000);  // 100 updates of 100 events
   CHECK(brief[1] > 10000);
+}
+
+TEST_CASE("a window is gone back over, however few events it may keep") {
+  const Trajectory motion = simulated::near_motion(31);
+  const UndistortionTable lines(simulated::camera);
+  for (const std::size_t max_events : {2u, 4u, 64u}) {
+    CAPTURE(max_events);
+    Follower follower(make_code_marker(simulated::kMarkerLength, simulated::code()), lines.focal_length(), motion(0),
+                      {.events_per_update = 1});
+    Verification<DecoupledUpdate> verification(follower, {.max_events = max_events});
+    int verified = 0;
+    for (const Event& event : simulated::filtered(simulated::near_events(motion, 0.05, 31))) {
+      const bool updated = follower.push(lines(event), event.t, polarity(event)).updated;
+      verified += verification.push(event, updated, follower, lines) != nullptr;
+    }
+    CHECK(verified > 10);
+  }
+}
+
+TEST_CASE("what is not known of the distance is no error of the place in the image, wherever the marker is") {
+  constexpr double kFocal = 800, kSigma_m = 0.01;
+  for (const Eigen::Vector3d& T :
+       {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.5, -0.2, 1), Eigen::Vector3d(-1, 0, 2)}) {
+    CAPTURE(T.transpose());
+    Matrix6d P = Matrix6d::Identity();
+    P.topLeftCorner<3, 3>() = kSigma_m * kSigma_m * T.normalized() * T.normalized().transpose();
+    CHECK(origin_deviation_px(P, T, kFocal) < 1e-6);
+    P.topLeftCorner<3, 3>() = kSigma_m * kSigma_m * Eigen::Matrix3d::Identity();
+    const double x = T.x() / T.z(), y = T.y() / T.z();
+    CHECK(origin_deviation_px(P, T, kFocal) ==
+          doctest::Approx(kFocal * kSigma_m / T.z() * (std::sqrt(1 + x * x) + std::sqrt(1 + y * y))));
+  }
 }

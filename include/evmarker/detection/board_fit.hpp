@@ -18,20 +18,20 @@ struct SeenMarker {
   const BoardMarker* marker;
   Timestamp t;
   std::vector<Eigen::Isometry3d> T_camera_board;  ///< by this marker alone: the likelier pose, then its alternative
-  std::array<Vec3, 4> corners;                    ///< board frame [m]
-  std::array<Vec2, 4> seen;                       ///< the corners on the plane z = 1
+  std::array<Vec3, 4> corners;                    ///< as printed, board frame [m]
+  std::array<Vec2, 4> seen;                       ///< as detected, lines of sight (X/Z, Y/Z)
 };
 
 /// A fitted pose of a board.
 struct BoardFit {
   Eigen::Isometry3d T_camera_board;
-  double cost_px = 0;  ///< root mean square of the corners' distances, those of outliers limited
+  double cost_px = 0;  ///< root mean square of the corners' distances, each limited to 8 px
 };
 
 namespace detail {
 
-// Calls `use(P, residual_px)` for every corner of the seen markers: its place by pose T [m, camera frame], and how far
-// from there it is seen.
+// Calls `use(P, residual_px)` for every corner of the seen markers: its place by pose T [m, camera frame], and the
+// vector from the image of P to where the corner was detected.
 template <typename Use>
 void for_each_corner(const Eigen::Isometry3d& T, const std::vector<SeenMarker>& seen_markers, double focal_length,
                      Use&& use) {
@@ -55,6 +55,7 @@ inline void add_row(Vec3 g, Vec3 lever, double residual_px, double weight, Matri
 
 /// Fits a board's pose to the corners of all seen markers, by Gauss-Newton with Cauchy weights.
 /// @param start T_camera_board to start from
+/// @param seen_markers one at least
 /// @param focal_length [px]
 inline BoardFit fit_board(const Eigen::Isometry3d& start, const std::vector<SeenMarker>& seen_markers,
                           double focal_length) {
@@ -63,7 +64,7 @@ inline BoardFit fit_board(const Eigen::Isometry3d& start, const std::vector<Seen
   for (int iteration = 0; iteration < 10; ++iteration) {
     Matrix6d H = Matrix6d::Zero();
     Vector6d b = Vector6d::Zero();
-    for (int i = 0; i < 6; ++i) H(i, i) = 1e-9;
+    for (int i = 0; i < 6; ++i) H(i, i) = 1e-9;  // invertible even where the corners leave a direction free
     detail::for_each_corner(T, seen_markers, focal_length, [&](Vec3 P, Vec2 residual_px) {
       const double weight = 1 / (1 + squared_norm(residual_px) / (kOutlier_px * kOutlier_px));
       detail::add_row(image_gradient({1, 0}, P, focal_length), P - translation(T), residual_px.x, weight, H, b);
@@ -75,10 +76,12 @@ inline BoardFit fit_board(const Eigen::Isometry3d& start, const std::vector<Seen
     turn(T, step.r);
     orthonormalize(T);
   }
+  // Limited, so that no single far corner decides between two poses.
+  constexpr double kMost_px = 2 * kOutlier_px;
   double cost = 0;
   int corners = 0;
   detail::for_each_corner(T, seen_markers, focal_length, [&](Vec3, Vec2 residual_px) {
-    cost += std::min(squared_norm(residual_px), 4 * kOutlier_px * kOutlier_px);
+    cost += std::min(squared_norm(residual_px), kMost_px * kMost_px);
     ++corners;
   });
   return {T, std::sqrt(cost / corners)};

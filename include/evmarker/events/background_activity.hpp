@@ -20,9 +20,10 @@ namespace evmarker {
 /// a = 0, is a first bound on r. It is lowered step by step with longer ages, as long as not more than one
 /// noise event is expected, at the present bound, in the 9 pixels within that age. With noise alone every bound equals
 /// r; events of edges, hot pixels and bursts leave the count once a exceeds their ages. Where edges pass so often that
-/// they hide the noise, they make ten times as many events as it does, and its rate does not matter.
+/// no age is free of them, the bound stays above r.
 class BackgroundActivity {
  public:
+  /// @param pixels how many the sensor has
   explicit BackgroundActivity(double pixels) noexcept : hz_per_px_by_events_per_us_(1e6 / pixels) {}
 
   /// Adds one event as a sample; not every event is needed, one in about 0.2 ms is enough. Samples come in order of
@@ -31,10 +32,11 @@ class BackgroundActivity {
   /// @param t time of the event [us]
   /// @return how many events later the next sample is to be added
   std::uint64_t add(std::uint64_t age_us, Timestamp t) noexcept {
-    // A step back of the clock does not count as observed time, a jump ahead only with its first second.
+    // A step back of the clock does not count as observed time, nor does the way from there to where it was; a jump
+    // ahead counts only with its first second.
     const std::uint64_t passed_us = t > last_t_ && samples_ > 0 ? std::min(elapsed_us(last_t_, t), kLongest_us) : 0;
     observed_us_ += static_cast<double>(passed_us);
-    last_t_ = t;
+    if (t > last_t_ || samples_ == 0 || elapsed_us(t, last_t_) > kLongest_us) last_t_ = t;
     // An age cannot be longer than the time observed: what came before the first sample is unknown.
     const std::uint64_t known_us = std::min({age_us, static_cast<std::uint64_t>(observed_us_), kOldest_us});
     by_age_[static_cast<std::size_t>(std::bit_width(known_us / kYoungest_us))] += static_cast<double>(per_sample_);
@@ -59,14 +61,15 @@ class BackgroundActivity {
   static constexpr std::uint64_t kEnough_us = 200;              // aimed at between two samples
   static constexpr std::uint64_t kMostPerSample = 1024;         // events
   static constexpr std::uint64_t kLongest_us = 1000000;         // counted at most between two samples
-  static constexpr double kPrior = 1, kPriorSamples = 16;       // [Hz/px], and how many samples it weighs as much as
+  static constexpr double kPrior = 1, kPriorSamples = 16;       // first guess [Hz/px], and its weight [samples]
   static constexpr double kMemory_us = 200000, kMemory = 1024;  // [us] and samples: whichever reaches farther back
 
   void estimate() noexcept {
     // Rate of the `older` events, those with an age over `age_us`: their number, and one sample more, as a rate may be
-    // above 0 where no event was seen, divided by the time in which such an age could be seen.
+    // above 0 where no event was seen, divided by the time in which such an age could be seen: not at the begin.
     const auto rate_of = [&](double older, double age_us) {
-      return (older + static_cast<double>(per_sample_)) * hz_per_px_by_events_per_us_ / (observed_us_ - age_us);
+      return (older + static_cast<double>(per_sample_)) * hz_per_px_by_events_per_us_ /
+             (observed_us_ - begin_share_ * age_us);
     };
     double older = std::accumulate(by_age_.begin(), by_age_.end(), 0.0);
     double rate = rate_of(older, 0), age_us = kYoungest_us;
@@ -85,12 +88,14 @@ class BackgroundActivity {
     for (double& count : by_age_) count /= 2;
     observed_us_ /= 2;
     remembered_ /= 2;
+    begin_share_ /= 2;
   }
 
   double hz_per_px_by_events_per_us_;   // [Hz/px] of one event per microsecond on the whole sensor
   std::array<double, kAges> by_age_{};  // events, by the bins of their ages
   double observed_us_ = 0;
-  double remembered_ = 0;  // samples, the forgotten ones taken off
+  double remembered_ = 0;   // samples, the forgotten ones taken off
+  double begin_share_ = 1;  // how much the begin, when older ages were not known, still counts
   std::uint64_t samples_ = 0, per_sample_ = kEventsAtFirst;
   Timestamp last_t_ = 0;
   double hz_per_px_ = kPrior;

@@ -21,11 +21,12 @@ inline constexpr std::chrono::microseconds kPaperWindow{2000};
 
 /// Accepts an event if one of its 8 neighbouring pixels had an event, of either polarity, at most `window` before
 /// it (or after it, where recordings step back in time). The pixel's own events do not count, so that a hot pixel does
-/// not support itself. With a window of 2000 us this is the paper's preprocessing. A time that jumps by more than 18
-/// min, to either side, makes it forget all events before; trackers keep single wrong times from it, see TimeGuard.
+/// not support itself. With a window of 2000 us this is the paper's preprocessing. When time jumps by more than 18 min,
+/// ahead or back, all earlier events are forgotten. A single event with a wrong time would do that, too; trackers
+/// discard such events before the filter, see TimeGuard.
 ///
-/// A window means a least speed: neighbouring pixels along the path of an edge fire one after the other, as far apart
-/// in time as the edge needs for a pixel, and the events of an edge that needs longer than the window may be rejected.
+/// The window implies a least speed: an edge reaches the next pixel of its path after 1 / speed, and where that is
+/// longer than the window, its events may be rejected.
 /// The automatic window is 0.01 / r, where r [Hz/px] is the background activity measured so far. It accepts a share of
 /// 1 - exp(-8 r window) = 1 - exp(-0.08) of the noise, one event in thirteen. It is at most 50 ms, enough for edges
 /// from 20 px/s on; with a longer one, the events of an edge that passed long ago would support noise. It is at least
@@ -72,8 +73,8 @@ class SpatiotemporalFilter {
 
   /// The present window [us]; the automatic one changes with the background activity.
   std::chrono::microseconds window() const noexcept { return std::chrono::microseconds(window_); }
-  /// The background activity measured so far [Hz/px]; 1 before it is, and with a fixed window, which needs no
-  /// measurement.
+  /// The background activity measured so far [Hz/px]; 1 until the first estimate. With a fixed window nothing is
+  /// measured, and it stays 1.
   double background_hz_per_px() const noexcept { return activity_.hz_per_px(); }
 
   /// Prefetches the memory that `accept` will read for this event, which must lie on the sensor.
@@ -90,7 +91,7 @@ class SpatiotemporalFilter {
   // at least 2^31 - (2^30 + window) us away. That must be more than the window, so the window must be shorter than 2^29
   // us, 8.9 min: hence the limit of 8 min.
   static constexpr std::uint64_t kSweepInterval = std::uint64_t{1} << 30;  // [us]
-  static constexpr std::uint32_t kFarSide = std::uint32_t{1} << 31;        // [us], as far as 32 bits can be from a time
+  static constexpr std::uint32_t kFarthest_us = std::uint32_t{1} << 31;    // longest distance of two times of 32 bits
 
   static constexpr std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     const auto ua = static_cast<std::uint64_t>(a), ub = static_cast<std::uint64_t>(b);
@@ -104,7 +105,7 @@ class SpatiotemporalFilter {
     const auto now = static_cast<std::uint32_t>(t);
     const bool all_stale = distance_us(t, swept_at_) > kSweepInterval + window_;  // also before the first event
     for (std::uint32_t& last : last_)
-      if (all_stale || now - last + window_ > 2 * window_) last = now + kFarSide;
+      if (all_stale || now - last + window_ > 2 * window_) last = now + kFarthest_us;
     swept_at_ = t;
   }
 
@@ -112,7 +113,7 @@ class SpatiotemporalFilter {
   // and adapts the window. The age is an absolute value, as times may step back.
   [[gnu::noinline]] void sample_background_activity(const Event& event, const std::uint32_t* pixel) noexcept {
     const auto now = static_cast<std::uint32_t>(event.t);
-    std::uint32_t age = kFarSide;
+    std::uint32_t age = kFarthest_us;
     for (const std::uint32_t* const middle : {pixel - stride_, pixel, pixel + stride_})
       for (const std::uint32_t last : {middle[-1], middle[0], middle[1]}) age = std::min({age, now - last, last - now});
     until_sample_ = activity_.add(age, event.t);
@@ -131,7 +132,7 @@ class SpatiotemporalFilter {
   std::uint64_t until_sample_ = 0;
   BackgroundActivity activity_;
   std::vector<std::uint32_t> last_;  // low 32 bits of the time of each pixel's last event [us]
-  Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;
+  Timestamp swept_at_ = std::numeric_limits<Timestamp>::min() / 2;  // far from every time that may come first
 };
 
 }  // namespace evmarker

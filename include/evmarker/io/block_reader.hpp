@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <future>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <system_error>
@@ -28,11 +29,12 @@ namespace evmarker::io {
 class BlockReader {
  public:
   static constexpr std::size_t kBlockBytes = std::size_t{1} << 20;
-  static constexpr std::size_t kPipeBlockBytes = std::size_t{1} << 16;  ///< at most, of what comes at its own pace
-  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;         ///< most bytes kept from the block before
+  /// Most bytes in a block of a pipe, FIFO or device, which is not delivered before it is full.
+  static constexpr std::size_t kPipeBlockBytes = std::size_t{1} << 16;
+  static constexpr std::size_t kMaxKeep = std::size_t{1} << 16;  ///< most bytes kept from the block before
 
-  /// @param stop read while the reader lives: once it is true, reading ends as at the end of the file, also while a
-  /// pipe is silent; may be null
+  /// @param stop must outlive the reader, which looks at it from another thread, too: once it is true, reading ends as
+  /// at the end of the file, also while a pipe is silent or nobody writes to a FIFO; may be null
   /// @throws RecordingError where the file is missing, is a directory or cannot be opened
   explicit BlockReader(std::filesystem::path path, std::size_t block_bytes = kBlockBytes,
                        const std::atomic<bool>* stop = nullptr)
@@ -44,7 +46,9 @@ class BlockReader {
     const auto status = std::filesystem::status(state_->path, error);
     if (std::filesystem::is_directory(status)) throw RecordingError(state_->path, "is a directory, not a recording");
     if (!std::filesystem::is_regular_file(status)) state_->block_bytes = std::min(state_->block_bytes, kPipeBlockBytes);
-    state_->file = ::open(state_->path.c_str(), O_RDONLY | O_CLOEXEC);
+    // Without O_NONBLOCK, opening a FIFO would wait until somebody writes to it, whatever `stop` says.
+    state_->file = ::open(state_->path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (state_->file >= 0) ::fcntl(state_->file, F_SETFL, 0);
     if (state_->file < 0) throw RecordingError(state_->path, "cannot open: " + std::generic_category().message(errno));
     const auto bytes = std::filesystem::file_size(state_->path, error);
     if (!error) bytes_total_ = bytes;
@@ -61,14 +65,15 @@ class BlockReader {
     return block_;
   }
 
-  /// The last `keep` bytes (at most kMaxKeep) of the block before and the next block, which is empty at the end of the
-  /// file; valid until the next call.
-  /// @throws RecordingError where reading fails
+  /// The last `keep` bytes (at most kMaxKeep) of what the call before returned and the next block, which is empty at
+  /// the end of the file; valid until the next call.
+  /// @throws RecordingError where reading fails, once all before it has been returned
   std::span<const std::byte> next(std::size_t keep = 0) {
     if (std::exchange(first_is_next_, false)) return block_;
     keep = std::min({keep, block_.size(), kMaxKeep});
     const auto kept = block_.last(keep);
     const std::size_t bytes = state_->ahead.valid() ? state_->ahead.get() : 0;
+    if (bytes == 0 && state_->failure) throw *state_->failure;
     at_end_ = bytes == 0;
     if (at_end_) return block_ = kept;
     std::byte* const begin = state_->buffers[state_->filling].data() + kMaxKeep;
@@ -94,19 +99,19 @@ class BlockReader {
     State& operator=(const State&) = delete;
     ~State() {
       closing = true;
-      if (ahead.valid()) ahead.wait();
+      if (ahead.valid()) ahead.wait();  // also runs a read that is deferred, which then reads nothing
       if (file >= 0) ::close(file);
     }
 
-    // Fills the buffer; less only at the end of the file.
+    // Fills the buffer; less only at the end of the file, at a failure, or once reading is to stop.
     std::size_t read(std::span<std::byte> buffer) {
       std::size_t bytes = 0;
       while (bytes < buffer.size() && wait_for_bytes()) {
         const auto count = ::read(file, buffer.data() + bytes, buffer.size() - bytes);
         if (count < 0 && errno == EINTR) continue;
         if (count < 0)
-          throw RecordingError(path, "cannot read: " + std::generic_category().message(errno), position + bytes);
-        if (count == 0) break;
+          failure.emplace(path, "cannot read: " + std::generic_category().message(errno), position + bytes);
+        if (count <= 0) break;
         bytes += static_cast<std::size_t>(count);
       }
       position += bytes;
@@ -131,6 +136,7 @@ class BlockReader {
     std::atomic<bool> closing = false;
     int file = -1;
     std::uint64_t position = 0;
+    std::optional<RecordingError> failure;  // after the bytes that were read
     std::array<std::vector<std::byte>, 2> buffers;
     std::size_t filling = 0;
     std::future<std::size_t> ahead;

@@ -35,12 +35,13 @@ namespace evmarker::io {
 struct EventReaderOptions {
   /// For recordings without sensor size, like most text files; the size in a recording has precedence.
   std::optional<SensorSize> sensor_size = std::nullopt;
-  /// True to subtract the time of the first event (in RAW, event or trigger) from all.
+  /// True to subtract the time of the first event or trigger event from all.
   bool shift_first_time_to_zero = false;
   /// Of a ROS recording, the topic whose events are read; empty for the only one that has events.
   std::string topic = {};
-  TextLayout text_layout = {};  ///< its unit of time is also that of HDF5 that names none
-  /// Read while the reader lives, by another thread: once it is true, the recording ends, also while a pipe is silent.
+  TextLayout text_layout = {};  ///< its unit of time, if set, is also that of HDF5, whatever that names
+  /// Must outlive the reader, which looks at it from another thread, too. Once it is true, the recording ends, also
+  /// while a pipe is silent; before its first byte with a RecordingError.
   const std::atomic<bool>* stop = nullptr;
 };
 
@@ -91,7 +92,7 @@ inline constexpr std::array<Compression, 4> kCompressions{{
 
 inline RecordingError not_supported(const std::filesystem::path& path, std::string_view name) {
   return {path, std::string(name) +
-                    " recordings are not supported yet. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
+                    " recordings are not supported. Supported are: Prophesee RAW (EVT2, EVT2.1, EVT3), "
                     "DAT, AEDAT 2, 3.1 and 4, HDF5, ROS (rosbag, MCAP, SQLite), text (x,y,p,t or t x y p)"};
 }
 
@@ -109,7 +110,7 @@ inline bool looks_like_text(std::string_view head) {
 
 /// Kind of a recording, by its content first and its extension second; but text is not looked for in a .raw file.
 /// @param head of the file, of which the first 4096 bytes count
-/// @param path of which only the extension counts
+/// @param path of which only the extension counts; errors name it
 /// @throws RecordingError where the file is empty or of a kind that is not supported
 inline RecordingKind recognize_recording(std::string_view head, const std::filesystem::path& path) {
   head = head.substr(0, 4096);
@@ -131,8 +132,7 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   const bool names_encoding = head.find("% evt ") != head.npos || head.find("% format ") != head.npos;
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
     return RecordingKind::dat;
-  if (prophesee && (names_encoding || extension == ".raw")) return RecordingKind::raw;
-  if (extension == ".raw") return RecordingKind::raw;  // RawReader reports the exact fault
+  if ((prophesee && names_encoding) || extension == ".raw") return RecordingKind::raw;  // RawReader reports its faults
   if (detail::looks_like_text(head)) return RecordingKind::text;
   if (extension == ".dat") return RecordingKind::dat;  // DatReader reports the exact fault
   for (const auto& kind : detail::kUnsupportedKinds)
@@ -141,7 +141,8 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   throw detail::not_supported(path, "such");
 }
 
-/// Reads recordings of every kind that `recognize_recording` supports, from files, pipes and FIFOs; an `EventSource`.
+/// Reads recordings of every kind that `recognize_recording` supports, from files and, but for HDF5 and SQLite, from
+/// pipes and FIFOs; an `EventSource`.
 class EventReader {
  public:
   using event_type = Event;
@@ -150,6 +151,8 @@ class EventReader {
   explicit EventReader(const std::filesystem::path& path, const EventReaderOptions& options = {}) {
     BlockReader blocks(path, BlockReader::kBlockBytes, options.stop);
     const auto head = blocks.first();
+    if (head.empty() && options.stop != nullptr && *options.stop)
+      throw RecordingError(path, "stopped before its first byte");
     kind_ = recognize_recording({reinterpret_cast<const char*>(head.data()), head.size()}, path);
     reader_ = open(kind_, std::move(blocks), options);
   }
@@ -158,7 +161,7 @@ class EventReader {
   /// The next events in the order of the file, valid until the next call; none at the end.
   /// @throws RecordingError naming what cannot be read, once all events before it are delivered
   std::span<const Event> next_batch() { return reader_->next_batch(); }
-  /// Trigger events among the events of the last batch, or behind the last event of the file.
+  /// Trigger events among the events of the last batch, or after the last event of the file; valid as long.
   std::span<const TriggerEvent> triggers() const { return reader_->triggers(); }
   RecordingStatistics statistics() const { return reader_->statistics(); }
   std::uint64_t bytes_read() const { return reader_->bytes_read(); }

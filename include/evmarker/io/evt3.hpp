@@ -41,7 +41,7 @@ class Evt3Decoder {
 
   /// Decodes the whole words of `bytes` into `buffer`, which has space for kMaxEventsPerWord events a word, and appends
   /// to `triggers`.
-  /// @param following the bytes behind `bytes`, as far as they are known: they show whether a time word is garbled
+  /// @param following the bytes that follow, as far as they are known: they show whether a time word is garbled
   /// @return number of events
   std::size_t decode(std::span<const std::byte> bytes, std::span<Event> buffer, std::vector<TriggerEvent>& triggers,
                      std::span<const std::byte> following = {}) {
@@ -78,7 +78,7 @@ class Evt3Decoder {
   struct State {
     std::uint32_t y = 0;
     std::uint32_t row_width = 0;               // columns of row y that are on the sensor; none before the first row
-    std::uint32_t vector_x = kOffEverySensor;  // first column of the next vector; on none before VECT_BASE_X
+    std::uint32_t vector_x = kOffEverySensor;  // first column of the next vector; off every sensor before VECT_BASE_X
     std::int16_t vector_p = 0;
     std::uint32_t time_high = ~0U;  // the last TIME_HIGH; until the first, a value that none has
     Timestamp t = 0;
@@ -109,7 +109,7 @@ class Evt3Decoder {
   // Decodes rows, columns and low times up to a word of another type, and returns where that is.
   const std::byte* decode_frequent_words(const std::byte* at, const std::byte* end, State& state,
                                          Event*& events) const noexcept {
-    State local = state;  // the compiler cannot keep what has an address in registers across the stores of events
+    State local = state;  // a copy: events may alias `state`, and each store of one would reload it
     Event* out = events;
     for (; at != end; at += kWordBytes) {
       const std::uint32_t word = load_word<std::uint16_t>(at);
@@ -131,6 +131,7 @@ class Evt3Decoder {
     state.y = row ? address : state.y;
     state.row_width = row ? (address < height ? width : 0) : state.row_width;
     state.t = low ? (state.t & ~Timestamp{0xFFF}) | payload_of(word) : state.t;
+    // Also where it is no event: `out` is inside of the buffer before every word, and the next one overwrites it.
     *out = make_event(address, state.y, polarity_of(word), state.t);
     const bool visible = column & (address < state.row_width);
     state.off_sensor += (column & !visible) ? 1U : 0U;
@@ -148,7 +149,8 @@ class Evt3Decoder {
       case Evt3Word::vect_12: return decode_vector(payload, 12, state, out);
       case Evt3Word::vect_8: return decode_vector(payload & 0xFFU, 8, state, out);
       case Evt3Word::time_high:
-        if (payload == state.time_high) {  // the low part stays
+        // Cameras repeat it within its 4096 us: the low part stays, or time would step back.
+        if (payload == state.time_high) {
           time_high_decoder_.confirm();
         } else if (const auto t = time_at(payload, rest, following)) {
           state.time_high = payload;
@@ -232,8 +234,8 @@ class Evt3Decoder {
   RecordingStatistics statistics_;
 };
 
-/// Encodes events as EVT3 words that decode to the same sequence, in vectors where that saves words. The caller has
-/// checked that they are on a sensor of at most 2048 x 2048 px.
+/// Encodes events as EVT3 words that decode to the same sequence, polarity 0 or 1, in vectors where that saves words.
+/// The caller has checked that they are on a sensor of at most 2048 x 2048 px.
 class Evt3Encoder {
  public:
   /// @param width of the sensor; vectors do not extend beyond it

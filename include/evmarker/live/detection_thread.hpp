@@ -51,6 +51,9 @@ class DetectionThread {
     thread_.join();
   }
 
+  /// The detector whose thread this is; null on any other.
+  static const Detector* detector_of_this_thread() noexcept { return detector_of_this_thread_; }
+
   /// Adds an event to the frame of the next request.
   void add(const Event& event) {
     if (new_events_.size() < max_events_)
@@ -92,6 +95,7 @@ class DetectionThread {
   // The detector's thread: does jobs until one is null.
   void work() {
     drop_real_time_priority();
+    detector_of_this_thread_ = &detector_;
     for (Job* job = nullptr;;) {
       jobs_.wait_dequeue(job);
       if (job == nullptr) return;
@@ -109,6 +113,8 @@ class DetectionThread {
       done_.wait_enqueue(job);
     }
   }
+
+  static inline thread_local const Detector* detector_of_this_thread_ = nullptr;
 
   Detector& detector_;
   std::size_t max_events_;

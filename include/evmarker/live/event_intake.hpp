@@ -1,5 +1,5 @@
 #pragma once
-// The bounded queue between a camera's thread and the tracking thread, and its policies where it is full.
+// The bounded queue between a camera's thread and the tracking thread, and what it does when it is full.
 #include <readerwriterqueue/atomicops.h>
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
@@ -57,7 +57,7 @@ class EventIntake {
   /// makes room: there, events without room are dropped. While closed, drops all.
   template <EventLike E>
   void push(std::span<const E> events) {
-    // Without the lock where it is closed: a camera that goes on pushing must not keep `clear` from it.
+    // A closed queue is left without taking the lock: a camera that goes on pushing would keep `clear` from getting it.
     const auto lock = open_ ? lock_for_push() : std::unique_lock<std::mutex>();
     if (!lock) return drop_before_queue(events.size());
     const auto now = Clock::now();
@@ -92,14 +92,14 @@ class EventIntake {
   void set_consumer_thread(std::thread::id id) noexcept { consumer_thread_ = id; }
   bool on_consumer_thread() const noexcept { return consumer_thread_.load() == std::this_thread::get_id(); }
 
-  /// Removes the next block of events from the queue, and closes it; null if none comes within the timeout. The caller
-  /// owns the block until it calls `release`.
+  /// Removes the next block of events from the queue, and closes the block, so that no push appends to it; null if none
+  /// comes within the timeout. The caller owns the block until it calls `release`.
   EventBlock* pop(std::chrono::microseconds timeout) {
     EventBlock* block = try_pop();
     if (block != nullptr || timeout.count() <= 0) return block;
     consumer_sleeps_.exchange(true);  // an exchange: a push that does not see it yet is seen by the next line
     block = try_pop();
-    const bool woken = block == nullptr && wake_.wait(timeout.count());
+    const bool woken = block == nullptr && open_ && wake_.wait(timeout.count());
     if (!woken && !consumer_sleeps_.exchange(false)) wake_.wait();  // a push is about to wake it
     return block != nullptr ? block : try_pop();
   }
@@ -128,8 +128,12 @@ class EventIntake {
     open_ = true;
   }
 
-  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms.
-  void close() noexcept { open_ = false; }
+  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms, and a `pop` at once: its timeout is of
+  /// a clock that may be set back.
+  void close() noexcept {
+    open_ = false;
+    wake_consumer();
+  }
 
   /// Drops what is in the queue. No other thread may be popping.
   void clear() {
@@ -291,8 +295,8 @@ class EventIntake {
   double thinning_ = 0;                // sum of the shares to keep, less the events kept
   bool last_t_known_ = false;          // an event was pushed
   std::atomic<std::uint64_t> last_block_number_{0};
-  // An event is counted as pushed before it is counted as anything else. Events refused while closed count as both
-  // pushed and dropped.
+  // An event is counted as pushed before it is counted as anything else. Events refused before the queue, see
+  // drop_before_queue, count as both pushed and dropped.
   std::atomic<std::uint64_t> pushed_{0}, dropped_{0}, refused_{0}, time_steps_back_{0}, time_gaps_{0},
       triggers_pushed_{0}, triggers_taken_in_{0}, triggers_dropped_{0};
   std::atomic<Timestamp> last_t_{0};

@@ -28,12 +28,13 @@
 namespace evmarker::live {
 
 /// Tracks markers in the events that a camera's thread pushes: a `Tracker` on a thread of its own, with its detector on
-/// another. All functions may be called from any thread, but `start`, `stop` and `flush` not from a callback. All
-/// callbacks are called on the tracking thread, one at a time; while one runs, nothing is tracked. What is still in the
-/// queue when the pipeline is stopped or destroyed is dropped: `flush` before.
+/// another. All functions may be called from any thread, but `start`, `stop` and `flush` neither from a callback nor
+/// from the detector or the filter. All callbacks are called on the tracking thread, one at a time; while one runs,
+/// nothing is tracked. What is still in the queue when the pipeline is stopped or destroyed is dropped; call `flush`
+/// first to have it tracked.
 ///
-/// What a callback or the detector throws is counted, and tracking goes on. Any other exception, as of the filter or
-/// for lack of memory, ends it: `Status::running` is false then, `Status::error` is its message, `flush` and `stop`
+/// What a callback or the detector throws is counted, and tracking goes on. Any other exception, such as one of the
+/// filter, ends it: `Status::running` is false then, `Status::error` is its message, `flush` and `stop`
 /// throw it, and what is pushed is dropped and counted until `start`.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Pipeline {
@@ -56,7 +57,10 @@ class Pipeline {
       : settings_(settings),
         detector_(std::move(detector)),
         on_pose_(std::move(on_pose)),
-        initial_core_(camera, settings.tracker, std::move(filter)),
+        // Made anew, as the copy of a core has no memory in reserve.
+        make_core_([camera, settings = settings.tracker, filter = std::move(filter)] {
+          return TrackerCore<Rule, Filter>(camera, settings, filter);
+        }),
         initial_clock_(settings.tick_interval, settings.gap),
         shared_(settings.queue_events, settings.overload, settings.gap) {
     start();
@@ -66,10 +70,10 @@ class Pipeline {
   Pipeline& operator=(const Pipeline&) = delete;
   ~Pipeline() { halt(); }
 
-  /// Queues events, in order of camera time. The events of one call stay together; calls of several threads are not
-  /// merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits while
-  /// the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which there is
-  /// no room are dropped and counted. A detector or a filter must not push.
+  /// Queues events, which come in order of camera time. The events of one call stay together; calls of several threads
+  /// are not merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits
+  /// while the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which
+  /// there is no room are dropped and counted. A detector or a filter must not push: tracking may be waiting for it.
   template <std::ranges::contiguous_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(const Events& events) { shared_.intake.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
@@ -95,7 +99,7 @@ class Pipeline {
       histogram->clear();
     shared_.stopping = started_ = false;
     try {
-      loop_.emplace(settings_, initial_core_, initial_clock_, detector_, on_pose_, shared_);
+      loop_.emplace(settings_, make_core_(), initial_clock_, detector_, on_pose_, shared_);
       shared_.published.start(shared_.intake);
       thread_ = std::thread([this] { run(); });
     } catch (...) {
@@ -109,7 +113,7 @@ class Pipeline {
   /// in the queue are dropped and counted; to have them tracked, call `flush` first.
   /// @throws std::logic_error when called from a callback (a pipeline that is destroyed in one ends the program)
   /// @throws the exception that ended the tracking, or else the first one that a callback or the detector threw, if
-  /// there was one since the start
+  /// there was one since the start that no `stop` has thrown yet
   void stop() {
     refuse_in_callback("stopped");
     const std::lock_guard control(control_);
@@ -118,7 +122,7 @@ class Pipeline {
   }
 
   /// Waits until all that was pushed before this call has been tracked and delivered, or dropped, or the pipeline is
-  /// stopped; not for what other threads push meanwhile.
+  /// stopped; not for what other threads push meanwhile, nor for a detection that is running.
   /// @throws std::logic_error when called from a callback
   /// @throws the exception that ended the tracking, if one did
   void flush() const {
@@ -140,25 +144,28 @@ class Pipeline {
     return status;
   }
 
-  /// Latencies from the `push` of a pose's last event to the pose's delivery.
+  /// Latencies from the `push` of the event that led to a pose, or of an earlier one in its block of 256, to the pose's
+  /// delivery.
   const LatencyHistogram& latency() const noexcept { return shared_.push_to_pose; }
 
-  /// Every tracked marker's pose at a camera time, predicted by a rule that estimates the velocity: for a controller,
-  /// at its own rate, whether events come or not. The covariance grows with the pose's age, `t - quality.updated_t`. If
-  /// the last pose is of a later time than t, it is returned as it is.
+  /// Every tracked marker's pose at a camera time, predicted if the rule estimates the velocity, else the last one: for
+  /// a controller, at its own rate, whether events come or not. The covariance grows with the pose's age, `t -
+  /// quality.updated_t`. If the last pose is of a later time than t, it is returned as it is.
   std::vector<PoseEstimate> poses_at(Timestamp t) const { return shared_.published.poses_at(t); }
 
  private:
   void refuse_in_callback(const char* what) const {
     if (shared_.intake.on_consumer_thread())
       throw std::logic_error(std::string("pipeline: ") + what + " from its own callback");
+    if (DetectionThread<Detector>::detector_of_this_thread() == &detector_)
+      throw std::logic_error(std::string("pipeline: ") + what + " from its own detector");
   }
 
   // Stops the threads, if they run.
   void halt() {
     refuse_in_callback("stopped");
-    shared_.intake.close();
     shared_.stopping = true;
+    shared_.intake.close();
     if (thread_.joinable()) thread_.join();
     loop_.reset();
     shared_.intake.clear();
@@ -180,8 +187,8 @@ class Pipeline {
   Settings settings_;
   Detector detector_;
   PoseCallback on_pose_;
-  const TrackerCore<Rule, Filter> initial_core_;  // copied at every start
-  const TickClock initial_clock_;                 // likewise
+  std::function<TrackerCore<Rule, Filter>()> make_core_;  // for every start
+  const TickClock initial_clock_;                         // copied at every start
   SharedWithTracking<Rule> shared_;
   std::atomic<bool> started_{false};
 

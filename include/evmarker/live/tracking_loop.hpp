@@ -34,27 +34,27 @@ struct SharedWithTracking {
 };
 
 /// Tracks the events of a queue from one start of a pipeline to its stop, and calls the callbacks: poses, ticks and
-/// triggers in camera time. Belongs to the tracking thread alone.
+/// triggers in the order of the stream of events. Belongs to the tracking thread alone.
 template <MarkerDetector Detector, PoseUpdateRule Rule, EventFilter Filter>
 class TrackingLoop {
  public:
   using PoseCallback = std::function<void(const PoseEstimate&)>;
 
-  /// All references must stay valid.
+  /// `settings`, `detector`, `on_pose` and `shared` must outlive the loop.
   /// @throws std::system_error if the detector's thread cannot be started
-  TrackingLoop(const PipelineSettings<Rule>& settings, const TrackerCore<Rule, Filter>& core, const TickClock& clock,
+  TrackingLoop(const PipelineSettings<Rule>& settings, TrackerCore<Rule, Filter> core, const TickClock& clock,
                Detector& detector, const PoseCallback& on_pose, SharedWithTracking<Rule>& shared)
       : settings_(settings),
         on_pose_(on_pose),
         shared_(shared),
-        core_(core),
+        core_(std::move(core)),
         clock_(clock),
-        detection_thread_(detector, core.polarity_frame().sensor_size(), settings.tracker.history_events) {
-    ticks_.reserve(settings.tracker.max_markers);
+        detection_thread_(detector, core_.polarity_frame().sensor_size(), settings.tracker.history_events) {
+    tick_poses_.reserve(settings.tracker.max_markers);
   }
 
-  /// Tracks until `SharedWithTracking::stopping` is set. An exception that is not a callback's or the detector's ends
-  /// it and is published.
+  /// Tracks until `SharedWithTracking::stopping` is set. An exception that is not a callback's, the detector's, or of
+  /// the use of its result ends it and is published.
   void run() noexcept {
     try {
       while (!shared_.stopping) track_next_block();
@@ -67,7 +67,8 @@ class TrackingLoop {
   }
 
  private:
-  static constexpr std::chrono::milliseconds kMaxWait{5};  // before the next check whether to stop
+  static constexpr std::chrono::milliseconds kMaxWait{
+      5};  // for events, before stop, results and triggers are looked for
 
   // Tracks the next block of events; if none comes, does what is due meanwhile.
   void track_next_block() {
@@ -158,7 +159,7 @@ class TrackingLoop {
     }
   }
 
-  // Delivers poses without a latency: no event that was just pushed has led to them.
+  // Delivers poses to which no event that was just pushed has led: they have no latency.
   auto deliver_untimed() {
     return [this](const PoseEstimate& pose) { deliver(pose, std::nullopt); };
   }
@@ -173,18 +174,18 @@ class TrackingLoop {
   // True if ticks are also due while no events come.
   bool ticks_by_wall_clock() const noexcept { return settings_.on_tick && !settings_.wait_for_detector; }
 
-  // Calls `on_tick` for every tick until `now`. Before the next event is tracked, so that a tick's poses depend on
-  // earlier events only. For `pushed_until`, see MarkerTracker::pose_at.
+  // Calls `on_tick` for every tick until `now`. To be called before the next event is tracked, so that a tick's
+  // poses depend on earlier events only. For `pushed_until`, see MarkerTracker::pose_at.
   void deliver_ticks(Timestamp now, Timestamp pushed_until) {
     if (!settings_.on_tick) return;
     while (!shared_.stopping) {
       const auto t = clock_.take_due(now);
       if (!t) return;
-      ticks_.clear();
+      tick_poses_.clear();
       for (const auto& marker : core_.markers())
-        ticks_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, pushed_until) : marker.estimate());
+        tick_poses_.push_back(*t > marker.estimate().t ? marker.pose_at(*t, pushed_until) : marker.estimate());
       ++progress_.ticks;
-      call(settings_.on_tick, *t, std::span<const PoseEstimate>(ticks_));
+      call(settings_.on_tick, *t, std::span<const PoseEstimate>(tick_poses_));
     }
   }
 
@@ -215,7 +216,7 @@ class TrackingLoop {
   TrackerCore<Rule, Filter> core_;
   TickClock clock_;
   Progress progress_;
-  std::vector<PoseEstimate> ticks_;  // poses of one tick
+  std::vector<PoseEstimate> tick_poses_;
   DetectionThread<Detector> detection_thread_;
 };
 

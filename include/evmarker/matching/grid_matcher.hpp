@@ -42,7 +42,8 @@ class GridMatcher {
     first_stretch_ = {2, 2 + (grid_->cells() + 1) * stretches_of_line_};
   }
 
-  /// Sets another maximal distance: at once for what matches, from the next `project` on for what is near.
+  /// Sets another maximal distance: at once for what matches, from the next `project` on for what is near. Until then
+  /// it must not be longer than 0.3 cells, see `cell_px`: an edge on a third line could match.
   void set_max_distance_px(double distance_px) noexcept {
     segments_.set_max_distance_px(distance_px);
     max_distance_ = distance_px / focal_length_;
@@ -56,7 +57,8 @@ class GridMatcher {
     rate_ = 0;  // the bounds that follow from it are updated with the next pose
   }
 
-  /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera or not finite.
+  /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera, shows no edge,
+  /// or is not finite.
   bool project(const Eigen::Isometry3d& T_camera_marker) noexcept {
     on_grid_ = grid_ && projected_.project(T_camera_marker) && update_bounds();
     if (on_grid_) {
@@ -105,13 +107,13 @@ class GridMatcher {
     Choice choice;
     if (try_choose(lines, choice)) [[likely]]
       return choice;
-    return choose_near_ends(sight, lines);
+    return choose_exactly(sight, lines);
   }
 
   /// What `choose_many` finds for each event: the number of its `stretch`, or one of the negative codes. Ambiguous
   /// events are kUnsure.
   struct Choices {
-    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_near_ends` decides
+    static constexpr int kUnsure = -1, kNear = -2, kFar = -3;  ///< kUnsure: `choose_exactly` decides
     static constexpr std::size_t kMost = NearestLines::kMost;
     alignas(64) std::array<int, kMost> stretch;
   };
@@ -147,7 +149,9 @@ class GridMatcher {
   }
   struct StretchTable {
     const Stretch* stretches;
-    double of_line, first_x, first_y;  // as doubles: the sums are exact, and one conversion is enough
+    // Stretches on each line, and the numbers of those of cell 0 on line 0 of either coordinate. As doubles: the sums
+    // are exact, and one conversion is enough.
+    double per_line, first_x, first_y;
   };
   [[gnu::always_inline]] StretchTable table() const noexcept {
     return {grid_->stretches(), 1.0 * stretches_of_line_, 1.0 * first_stretch_[0], 1.0 * first_stretch_[1]};
@@ -161,8 +165,8 @@ class GridMatcher {
   [[gnu::always_inline]] static int choose_one(const NearestLines& lines, std::size_t i, StretchTable table,
                                                Limits limits) noexcept {
     const Stretch* const stretches = table.stretches;
-    const int x = static_cast<int>(table.first_x + table.of_line * lines.k[0][i] + lines.place[0][i]);
-    const int y = static_cast<int>(table.first_y + table.of_line * lines.k[1][i] + lines.place[1][i]);
+    const int x = static_cast<int>(table.first_x + table.per_line * lines.k[0][i] + lines.place[0][i]);
+    const int y = static_cast<int>(table.first_y + table.per_line * lines.k[1][i] + lines.place[1][i]);
     // Bounds of the squared distances to the edges on both lines. Matched: one edge is surely within reach, and the
     // other is surely no rival. No match: both are surely out of reach; near if one is surely within three times the
     // reach, else unsure, as an edge on a third line may be near.
@@ -186,13 +190,13 @@ class GridMatcher {
     if (stretch >= 0) [[likely]]
       return {MatchResult::matched, &this->stretch(stretch)};
     if (stretch != Choices::kUnsure) return {stretch == Choices::kNear ? MatchResult::near : MatchResult::far};
-    return choose_near_ends(m);
+    return choose_exactly(m);
   }
 
   /// Decides about an event for which `choose_many` has found kUnsure.
-  Choice choose_near_ends(Vec2 m) const noexcept {
+  Choice choose_exactly(Vec2 m) const noexcept {
     const Sight sight = edge_choice_grid_.sight(m);
-    return choose_near_ends(sight, edge_choice_grid_.nearest_lines(sight));
+    return choose_exactly(sight, edge_choice_grid_.nearest_lines(sight));
   }
 
   /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose. `near` only if the edge points at
@@ -207,7 +211,7 @@ class GridMatcher {
   const ProjectedGrid& projected() const noexcept { return projected_; }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this are far from every segment.
-  /// @param border_cells the box contains at least this wide a border around a code marker [cells]
+  /// @param border_cells of a marker that is matched through the grid, the box contains this wide a border [cells]
   Box reach(double border_cells = 0) const noexcept {
     if (!on_grid_) return segments_.reach();
     const double fringe = std::max(fringe_, border_cells);
@@ -262,7 +266,7 @@ class GridMatcher {
   }
 
   // All other events: near two edges, an end of one, or none.
-  [[gnu::noinline]] Choice choose_near_ends(const Sight& sight, const Lines& lines) const noexcept {
+  [[gnu::noinline]] Choice choose_exactly(const Sight& sight, const Lines& lines) const noexcept {
     const std::size_t first = lines.squared[1] < lines.squared[0], second = 1 - first;
     if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
     const EdgeAtFoot place = edge_at_foot(ProjectedGrid::line(lines, first));
@@ -299,6 +303,7 @@ class GridMatcher {
     const Stretch& before = grid_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
     const Stretch& after = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
     if (before.segment == after.segment) return {edge_or_null(after), false};
+    // How far the foot is past the point, times foot_w as the margin is.
     const double beyond = line.foot_a - point * line.foot_w;
     if (!(std::abs(beyond) <= edge_choice_grid_.at_point(line, point, end_margin_)))
       return {edge_or_null(beyond < 0 ? before : after), false};
@@ -339,11 +344,11 @@ class GridMatcher {
   ProjectedGrid projected_;         // at the present pose: where edges are
   ProjectedGrid edge_choice_grid_;  // at that of the last `project`: which edge an event belongs to
   double focal_length_;
-  double end_margin_, ambiguity_;       // settings as tangents, pixels by the focal length
+  double end_margin_, ambiguity_;       // settings as tangents: pixels divided by the focal length
   double max_distance_;                 // the same
-  double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near
+  double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near, the same
   double limit2_;                       // max_distance_ squared
-  double rival_factor_, rival_offset_;  // the runner-up's squared distance must surely be larger than that
+  double rival_factor_, rival_offset_;  // a match at d needs a runner-up beyond factor d^2 + offset, squared
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;

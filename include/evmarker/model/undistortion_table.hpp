@@ -42,11 +42,11 @@ class UndistortionTable {
   /// Pixels per unit of tangent.
   double focal_length() const noexcept { return focal_length_; }
 
-  /// The smallest rectangle that contains the lines of sight (X/Z, Y/Z) of all pixels.
+  /// The smallest box that contains all lines of sight (X/Z, Y/Z) that exist; empty if none does.
   const Box& image() const noexcept { return image_; }
 
-  /// Line of sight m = (X/Z, Y/Z) of an event, which must lie on the sensor: M = (m; 1) of Eq. (2). NaN where the lens
-  /// model has no inverse.
+  /// Line of sight m = (X/Z, Y/Z) of an event, which must lie on the sensor: M = (m; 1) of Eq. (2) of the paper. NaN
+  /// where the lens model has no inverse.
   Vec2 operator()(const Event& event) const noexcept {
     const Line& line = (*lines_)[pixel(event)];
     return {line.x, line.y};

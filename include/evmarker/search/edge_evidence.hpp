@@ -15,21 +15,22 @@ namespace evmarker {
 /// For every cell of a region, the log-likelihood ratio of "an edge of the wireframe passes here" to "this is any cell
 /// of the region". It is computed from counts of events row by row, so that the work can be spread over many events.
 ///
-/// A cell is active if it and its eight neighbours have at least as many events as uniform background of the region's
-/// mean rate would give to one cell in 200. The ratio compares the probability of a cell's distance to the nearest
-/// active cell, if an edge is there, with the share of the region's cells that have this distance: with noise or
-/// clutter everywhere, a short distance means little.
+/// A cell is active if it and its eight neighbours together have so many events that uniform background of the region's
+/// mean rate would reach that number in only one cell in 200. The ratio compares the probability of a cell's distance
+/// to the nearest active cell, if an edge is there, with the share of the region's cells that have this distance: with
+/// noise or clutter everywhere, a short distance means little.
 class EdgeEvidence {
  public:
-  static constexpr int kFar = 6;          ///< [cells] longer distances count as this one: no event is of this edge
+  static constexpr int kFar =
+      6;  ///< [cells] distances are limited to this; an active cell farther away is not of this edge
   static constexpr double kUnit = 16;     ///< stored evidence per nat
-  static constexpr double kSilent = 0.5;  ///< share of edges without events: hidden or in motion along themselves
+  static constexpr double kSilent = 0.5;  ///< assumed share of edges without events: hidden, or moving along themselves
 
   /// @param cells largest number of cells of a region
   explicit EdgeEvidence(std::size_t cells) : counts_(cells), distances_(cells), evidence_(cells) {}
 
   /// Starts the computation for a region; `step` does it.
-  /// @param scale of the `FadingCounts` to use
+  /// @param scale which time scale of the `FadingCounts` to use
   /// @param total count of the events in all cells of the region at that scale
   void start(const CellRegion& region, int scale, double total) noexcept {
     region_ = region;
@@ -70,9 +71,12 @@ class EdgeEvidence {
     constexpr double kShare = 1.0 / 200, kDeviations = 2.58;  // the same quantile of the normal distribution
     const double m = 2 * mean;
     if (m > 50) return 0.5 * (m + kDeviations * std::sqrt(m)) + 0.5;
-    double term = std::exp(-m), reached = 1 - term;  // probabilities of n - 1, and of n or more
+    double exactly = std::exp(-m), reached = 1 - exactly;  // probabilities of n - 1, and of n or more
     int n = 1;
-    for (; reached > kShare && n < 200; ++n) reached -= term *= m / n;
+    for (; reached > kShare && n < 200; ++n) {
+      exactly *= m / n;
+      reached -= exactly;
+    }
     return 0.5 * n;
   }
 

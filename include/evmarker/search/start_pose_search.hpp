@@ -27,8 +27,8 @@ struct StartPoseSearchSettings {
   double reach_share = 0.18;    ///< StartPoseReach::sideways_px, as a share of the wireframe's size in the image
   double depth_share = 0.1;     ///< StartPoseReach::depth_share
   double rotation_rad = 0.105;  ///< StartPoseReach::rotation_rad
-  double false_alarms = 1e-6;   ///< share of the searches in mere noise that may end with a pose
-  double wrong_basins = 1e-3;   ///< share of the poses found from which a tracker may not converge to the true one
+  double false_alarms = 1e-6;  ///< share of the attempts in mere noise that may find a pose; up to hundreds in a second
+  double wrong_basins = 1e-3;  ///< share of the poses found from which a tracker may converge to another than the true
   std::optional<std::chrono::microseconds> longest{};  ///< camera time after which the search is given up; empty: never
 };
 
@@ -45,9 +45,9 @@ inline void validate(const StartPoseSearchSettings& settings) {
   if (settings.longest) require(settings.longest->count() > 0, "longest [us]", settings.longest->count());
 }
 
-/// Counts the events near a wireframe and searches, again and again, for the pose at which they give the most evidence
-/// for its edges (see `PoseGridSearch`). A pose is accepted when noise anywhere within reach would hardly ever reach
-/// its evidence, and no other pose comes near it.
+/// Counts the events near a wireframe and attempts, again and again, to find the pose at which they give the most
+/// evidence for its edges (see `PoseGridSearch`). A pose is accepted when noise anywhere within reach would hardly ever
+/// reach its evidence, and no other pose comes near it.
 ///
 /// Every event costs at most kMostLookUps look-ups (20 to 40 us), whatever the resolution, distance and reach. All
 /// memory is allocated by the constructor.
@@ -77,7 +77,8 @@ class StartPoseSearch {
   void restart(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
     set_region_and_grid(T_rough, reach);
     state_ = State::searching;
-    first_t_.reset();
+    begun_ = false;
+    searched_us_ = 0;
     budget_ = kFullBudget;
     forget();
   }
@@ -96,8 +97,11 @@ class StartPoseSearch {
   /// @return true if the search ends with this event
   bool push(const Event& event, Vec2 u) noexcept {
     if (state_ != State::searching) return false;
-    if (!first_t_) first_t_ = last_t_ = event.t;
-    if (settings_.longest && event.t > *first_t_ && event.t - *first_t_ > settings_.longest->count()) {
+    const std::uint64_t passed_us = begun_ && event.t > last_t_ ? elapsed_us(last_t_, event.t) : 0;
+    searched_us_ += static_cast<double>(passed_us);
+    last_t_ = event.t;
+    begun_ = true;
+    if (settings_.longest && searched_us_ > static_cast<double>(settings_.longest->count())) {
       state_ = State::given_up;
       return true;
     }
@@ -105,17 +109,18 @@ class StartPoseSearch {
       counts_.add(static_cast<std::size_t>(cell), event.t);
       recent_.push(event);
     }
-    do_work(event.t);
+    budget_ = std::min(budget_ + kBudgetPerUs * static_cast<double>(passed_us), kFullBudget);
+    do_work();
     return state_ != State::searching;
   }
 
   State state() const noexcept { return state_; }
   bool searching() const noexcept { return state_ == State::searching; }
-  /// The pose found, T_camera_marker at the time of the first event to replay. Valid once the state is `found`.
+  /// The pose found, T_camera_marker at about the time of the first event to replay. Valid once the state is `found`.
   const Eigen::Isometry3d& T_found() const noexcept { return grid_.T_best(); }
 
   /// True while events near the wireframe, since about the time of the pose found, are left to replay.
-  bool replaying() const noexcept { return next_replayed_ != recent_.pushed(); }
+  bool replaying() const noexcept { return state_ == State::found && next_replayed_ != recent_.pushed(); }
   /// The next event to replay. Requires `replaying()`.
   const Event& replay() noexcept { return recent_.at(next_replayed_++); }
   /// Stores a new event that comes during the replay, to be replayed after the others.
@@ -124,22 +129,23 @@ class StartPoseSearch {
     skip_overwritten();
   }
 
-  /// Of the last search: the evidence of its best pose, see `PoseGridSearch` [nats].
+  /// Of the last attempt: the evidence of its best pose, see `PoseGridSearch` [nats].
   double evidence() const noexcept { return grid_.evidence(); }
   /// The evidence that a pose needs to be accepted [nats].
   double needed_evidence() const noexcept { return needed_nats_; }
-  /// Of the last search: the lead of its best pose over all others, see `PoseGridSearch` [nats].
+  /// Of the last attempt: the lead of its best pose over all others, see `PoseGridSearch` [nats].
   double lead() const noexcept { return grid_.lead(); }
-  /// Number of completed searches since the construction, and of all look-ups.
-  int searches() const noexcept { return searches_; }
+  /// Attempts completed since the construction.
+  int attempts() const noexcept { return attempts_; }
+  /// Look-ups made since the construction.
   std::uint64_t look_ups() const noexcept { return look_ups_; }
   static constexpr int kMostLookUps = 26000;  ///< largest number for one event
 
  private:
   static constexpr int kSide = 256;               // largest width and height of the region [cells]
   static constexpr int kLookUpsPerEvent = 16384;  // look-ups after which an event starts no further step
-  // No search begins while the budget is overdrawn, so that noise or clutter without a marker does not keep a core
-  // busy. The budget is full at the start, which is urgent.
+  // No attempt begins while the budget is overdrawn, so that noise or clutter without a marker takes about half of a
+  // core. The budget is full at the start: the first attempts are urgent.
   static constexpr double kBudgetPerUs = 500, kFullBudget = 2e7;  // [look-ups/us], [look-ups]
   static constexpr int kCellCost = 12;                            // of a cell in a pass of EdgeEvidence [look-ups]
   static constexpr std::size_t kReplayed = 4096;                  // largest number of events to replay
@@ -159,11 +165,8 @@ class StartPoseSearch {
     needed_nats_ = std::log(grid_.places() / settings_.false_alarms);
   }
 
-  // Tops up the budget, begins a search if none is under way, and does a bounded part of it.
-  void do_work(Timestamp t) noexcept {
-    budget_ =
-        std::min(budget_ + kBudgetPerUs * static_cast<double>(t > last_t_ ? elapsed_us(last_t_, t) : 0), kFullBudget);
-    last_t_ = t;
+  // Begins an attempt if none is under way, and does a bounded part of it.
+  void do_work() noexcept {
     if (phase_ == Phase::waiting && (budget_ < 0 || !try_to_begin())) return;
     int done = 0;
     while (done < kLookUpsPerEvent && phase_ != Phase::waiting)
@@ -172,8 +175,8 @@ class StartPoseSearch {
     look_ups_ += static_cast<std::uint64_t>(done);
   }
 
-  // Begins a search at the next longer time scale (after the longest, the shortest) with enough events: at least one
-  // for every second cell of the edges, and most of them newer than the last search at that scale. Returns false if
+  // Begins an attempt at the next longer time scale (after the longest, the shortest) with enough events: at least one
+  // for every second cell of the edges, and most of them newer than the last attempt at that scale. Returns false if
   // none has.
   bool try_to_begin() noexcept {
     for (int i = 1; i <= FadingCounts::kScales; ++i) {
@@ -183,6 +186,8 @@ class StartPoseSearch {
       if (events < least_events_ || fresh < 0.6 * events) continue;
       scale_ = scale;
       tried_at_[static_cast<std::size_t>(scale)] = recent_.pushed();
+      // The median event of counts that fade exponentially is .69 of their number back; the pose is that of a newer
+      // one, as the newest events weigh most.
       const auto back = std::min({static_cast<std::size_t>(events / 2), recent_.size(), kReplayed});
       next_replayed_ = recent_.pushed() - back;
       evidence_.start(region_, scale, events);
@@ -208,9 +213,9 @@ class StartPoseSearch {
     return cost;
   }
 
-  // Ends a search: its pose is accepted, or the next search waits for new events.
+  // Ends an attempt: its pose is accepted, or the next one waits for new events.
   void accept_or_wait() noexcept {
-    ++searches_;
+    ++attempts_;
     phase_ = Phase::waiting;
     if (evidence() < needed_nats_ || lead() < -std::log(settings_.wrong_basins)) return;
     state_ = State::found;
@@ -229,20 +234,21 @@ class StartPoseSearch {
 
   CellRegion region_;
   PoseGridSearch grid_;
-  double needed_nats_ = 0, least_events_ = 0;  // evidence of an accepted pose, events of a search
+  double needed_nats_ = 0, least_events_ = 0;  // least evidence of an accepted pose, least events of an attempt
 
   FadingCounts counts_{kSide * kSide};
   EdgeEvidence evidence_{kSide * kSide};
   EventHistory recent_{2 * kReplayed};  // events in the region
-  std::optional<Timestamp> first_t_;    // time of the first event
-  Timestamp last_t_ = 0;                // time of the last one
+  bool begun_ = false;                  // there has been an event
+  Timestamp last_t_ = 0;                // of the last one
+  double searched_us_ = 0;              // camera time since the first one
   double budget_ = 0;                   // [look-ups], negative if overdrawn
 
   State state_ = State::searching;
   Phase phase_ = Phase::waiting;
-  int scale_ = 0;                                                // time scale of the search
-  std::array<std::uint64_t, FadingCounts::kScales> tried_at_{};  // recent_.pushed() at the last search at each scale
-  int searches_ = 0;
+  int scale_ = 0;                                                // time scale of the attempt
+  std::array<std::uint64_t, FadingCounts::kScales> tried_at_{};  // recent_.pushed() at the last attempt at each scale
+  int attempts_ = 0;
   std::uint64_t look_ups_ = 0;
   std::uint64_t next_replayed_ = 0;  // its position in `recent_`
 };

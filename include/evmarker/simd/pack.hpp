@@ -36,14 +36,14 @@ using Pair = detail::Vector<128>::InRegister;
 [[gnu::always_inline]] inline Pair pair_at(const double* numbers) noexcept {
   return *reinterpret_cast<const detail::Vector<128>::InMemory*>(numbers);
 }
-// Element by element; where x is NaN, the bound.
+// The larger (smaller) of x and the bound, element by element; the bound where x is NaN.
 [[gnu::always_inline]] inline Pair larger(Pair x, Pair bound) noexcept { return x > bound ? x : bound; }
 [[gnu::always_inline]] inline Pair smaller(Pair x, Pair bound) noexcept { return x < bound ? x : bound; }
 // The second number first.
 [[gnu::always_inline]] inline Pair swapped(Pair x) noexcept { return __builtin_shufflevector(x, x, 1, 0); }
 
-/// Four unsigned numbers in one register; the usual operators work element by element, comparisons give all bits or
-/// none.
+/// Four unsigned numbers in one register; the usual operators work element by element, and a comparison sets all
+/// bits of an element where it holds, none elsewhere.
 using Quad [[gnu::vector_size(16)]] = std::uint32_t;
 
 /// Loads four adjacent numbers, which need only the alignment of one.
@@ -52,8 +52,8 @@ using Quad [[gnu::vector_size(16)]] = std::uint32_t;
   return *reinterpret_cast<const InMemory*>(numbers);
 }
 
-/// `kNumbers` numbers, a multiple of those in a vector of `kBits` bits: 64, a single number, or 128 or 256 as chosen by
-/// `in_packs`.
+/// `kNumbers` doubles in vectors of `kBits` bits: 64, one double each, or the 128 or 256 that `in_packs` chooses.
+/// `kNumbers` is a multiple of the doubles in one vector.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
  public:
@@ -84,7 +84,7 @@ class Pack {
   [[gnu::always_inline]] void add_product(const Pack& a, const Pack& b) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += a.parts_[i] * b.parts_[i];
   }
-  /// Adds `number` to element i.
+  /// Adds a finite number to element i.
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
     Part at{};
     at[i % kPerPart] = 1;

@@ -100,7 +100,7 @@ class Simulator {
     std::size_t tile;
     double t;                           // time of its last step, or end of the segments skipped since
     double moved_px;                    // motion since then
-    std::span<const NoiseEvent> noise;  // noise events since then
+    std::span<const NoiseEvent> noise;  // the tile's noise events of this batch that have not fired yet
   };
 
   const TileGrid& grid() const noexcept { return renderer_.grid(); }
@@ -113,7 +113,7 @@ class Simulator {
   // events.
   void advance() {
     segments_.clear();
-    double t = now_us_, drift_px = 0;  // the background moves by one step per batch
+    double t = now_us_, drift_px = 0;  // the background moves by at most one step per batch
     while (segments_.size() < kSegmentsPerBatch && t < end_us_ && drift_px < 0.9 * settings_.max_step_px) {
       segments_.push_back(segmenter_.next(renderer_, t, settings_.max_step_px - drift_px));
       t = segments_.back().end_us;
@@ -132,8 +132,8 @@ class Simulator {
   }
 
   // Advances a tile through the segments of a batch. A step ends when something in the tile has moved by max_step_px,
-  // at both ends of a segment in which the tile's contents change, and at the end of the batch. Steps in which no pixel
-  // of the tile is due are left out.
+  // at both ends of a segment whose contents differ from those of the segment before, and at the end of the batch.
+  // Steps in which no pixel of the tile is due are left out.
   void advance_tile(std::size_t index, std::span<const NoiseEvent> noise) {
     Tile& tile = tiles_[index];
     Progress progress{index, segments_.front().begin_us, 0, noise};
@@ -143,6 +143,7 @@ class Simulator {
                                  next_activity_);
       const bool contents_change = next_activity_.contents != tile.contents;
       if (contents_change) {
+        // With the activity of the segment before. At the first segment, progress.t is its begin.
         if (progress.t < segment.begin_us) advance_due_pixels(segment, 0, progress);
         wake_tile(index);
         tile.contents = next_activity_.contents;
@@ -157,7 +158,7 @@ class Simulator {
         progress.moved_px = 0;
         continue;
       }
-      const double tick_px = motion / static_cast<double>(segment.ticks);
+      const double tick_px = motion / static_cast<double>(segment.ticks);  // 0 without motion: then no step ends here
       for (std::size_t tick = 0;;) {
         const auto left = static_cast<double>(segment.ticks - tick);
         const double ticks = std::max(1.0, std::floor((settings_.max_step_px - progress.moved_px) / tick_px));
@@ -204,9 +205,9 @@ class Simulator {
     const std::size_t first = progress.tile * TileGrid::kPixelsPerTile;
     tile.wake_px = kNever;
     tile.drifts = false;
-    const bool drift = t == segments_.back().end_us;
+    const bool at_batch_end = t == segments_.back().end_us;
     for (std::size_t i = first; i < first + TileGrid::kPixelsPerTile; ++i) {
-      if (wake_px_[i] < moved || (drift && drift_advanced_us_[i] < t))
+      if (wake_px_[i] < moved || (at_batch_end && drift_advanced_us_[i] < t))
         wake_px_[i] =
             advance_pixel(i, *frame, std::min(progress.t, drift_advanced_us_[i]), t, progress.noise.first(noise_count));
       tile.wake_px = std::min(tile.wake_px, wake_px_[i]);

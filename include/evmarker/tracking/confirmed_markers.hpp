@@ -163,7 +163,7 @@ class ConfirmedMarkers {
 
   // Enters a marker into all tiles where it may have events or, if there are other markers, where its sheet may hide
   // theirs.
-  void update_tiles(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kSheetRim : 0)); }
+  void update_tiles(std::size_t i) noexcept { tiles_.move(i, markers_[i].reach(markers_.size() > 1 ? kQuietZone : 0)); }
 
   // Not inlined: most events belong to one marker only.
   template <typename Use>

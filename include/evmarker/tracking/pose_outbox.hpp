@@ -26,14 +26,17 @@ class PoseOutbox {
   bool empty() const noexcept { return poses_.empty(); }
 
   /// Calls `use(pose)` with each pose, in the order of the events, those of one event in order of time; then clears
-  /// them.
+  /// them, also those that follow if `use` throws.
   template <std::invocable<const PoseEstimate&> Use>
   void hand_over(const Use& use) {
+    const struct Clear {
+      std::vector<Waiting>& poses;
+      ~Clear() { poses.clear(); }
+    } clear{poses_};
     order_.resize(poses_.size());
     std::iota(order_.begin(), order_.end(), std::size_t{0});
     std::ranges::sort(order_, {}, [&](std::size_t i) { return std::tuple(poses_[i].event, poses_[i].pose.t, i); });
     for (const std::size_t i : order_) use(poses_[i].pose);
-    poses_.clear();
   }
 
  private:

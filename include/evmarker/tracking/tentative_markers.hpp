@@ -82,6 +82,11 @@ class TentativeMarkers {
     return found != markers_.end() ? &found->marker() : nullptr;
   }
 
+  template <std::invocable<const PlanarHypotheses<Rule>&> Use>
+  void for_each(const Use& use) const {
+    for (const TentativeMarker<Rule>& tentative : markers_) use(tentative.marker());
+  }
+
   bool caught_up(const EventHistory& history) const noexcept {
     return std::ranges::all_of(markers_, [&](const auto& tentative) { return tentative.caught_up(history); });
   }

@@ -14,8 +14,8 @@ namespace evmarker {
 
 struct TrackHealthSettings {
   /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes, a
-  /// verification), of giving up a marker that is followed and had full confidence. With even odds, as after `restart`,
-  /// the bound is its square root.
+  /// verification), of giving up a marker that is followed and had full confidence. From even odds, as after `restart`,
+  /// the bound is the square root of this setting.
   double false_alarm_rate = 1e-6;
 };
 
@@ -28,8 +28,8 @@ inline void validate(const TrackHealthSettings& settings) {
 /// How likely it is that a marker is where its tracker says, by three tests: do events near it lie on its edges, does
 /// every edge make as many events as before, does verification pass. Each test sums log-likelihood ratios between two
 /// bounds (Page's cumulative sum test): from full confidence it takes evidence that comes up by chance once in 1 /
-/// false_alarm_rate to lose the marker. The sums are kept apart, as one test may pass where another fails: a half
-/// hidden marker still matches well.
+/// false_alarm_rate pieces of evidence to lose the marker. The sums are kept apart, as one test may pass where another
+/// fails: a half hidden marker still matches well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -39,7 +39,7 @@ class TrackHealth {
     restart(0);
   }
 
-  /// Counts an event on or near the wireframe.
+  /// Counts an event on or near the wireframe; an ambiguous one as neither.
   [[gnu::always_inline]] void add(MatchResult match, int segment) noexcept {
     if (match == MatchResult::matched) {
       ++matched_;
@@ -60,13 +60,15 @@ class TrackHealth {
   /// evenly, and a third matches by chance. Background up to twice its usual rate is no evidence: its near events are
   /// left out, and so are as many matches as come by chance with them. At rest, all events are background.
   [[gnu::noinline]] void judge_matches(Timestamp t) noexcept {
+    if (matched_ + near_ == 0) return;
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double background = near_per_us_ * dt_us;
-    // Beyond twice the usual background and two standard deviations.
+    // Beyond twice the usual background and two standard deviations of the usual one.
     const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
     constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
-    // Standard deviation of chance matches from their estimate by the near events: both numbers are random.
+    // Standard deviation of the difference between the chance matches and their estimate by the near events: both
+    // numbers are random.
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
     // The matching share of a marker that is followed, for the likelihood: half way between chance and the usual one,
@@ -79,8 +81,9 @@ class TrackHealth {
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
     const double share_weight = sure() ? (matched_ + near_) / kShareMemory : 0;
-    // While the marker is surely followed, what lies beside its edges is background: its rate is a plain mean, up to
-    // kRateMemory_us. Otherwise it is averaged over kRateMemory_us.
+    // While the marker is surely followed, what lies beside its edges is background: its rate is the mean over the
+    // time surely followed, at most kRateMemory_us. Otherwise it fades over kRateMemory_us, as the near events may be
+    // the marker's own.
     if (sure()) known_us_ = std::min(known_us_ + dt_us, kRateMemory_us);
     // Events of one time stamp have no rate.
     const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kRateMemory_us) : 0;
@@ -100,8 +103,8 @@ class TrackHealth {
     const auto evidence = activity_.log_likelihood_ratio(model, T_camera_marker, middle_events);
     if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
   }
-  /// Forgets the edges' events since the last judgement: the pose has moved for another reason than the marker's
-  /// motion.
+  /// Forgets the edges' events since the last judgement; to be called after the pose was corrected and not the marker
+  /// has moved.
   void restart_edges() noexcept { activity_.restart(); }
 
   /// Takes the result of a verification.
@@ -126,7 +129,7 @@ class TrackHealth {
   bool sure() const noexcept { return least() >= 0 && log_odds(LossReason::inconsistent) > bound_ / 2; }
   /// True while more speaks against it than for it.
   bool doubtful() const noexcept { return probability_ < 0.5; }
-  /// That the marker is followed.
+  /// Probability that the marker is followed, by the test that speaks most against it.
   double probability() const noexcept { return probability_; }
   /// What speaks most against it.
   LossReason reason() const noexcept {
@@ -139,7 +142,7 @@ class TrackHealth {
 
  private:
   static constexpr int kJudgedAtOnce = 64;
-  static constexpr double kVerificationEvidence = 3;  // log odds: a wrong pose passes one verification in twenty
+  static constexpr double kVerificationEvidence = 3;  // log odds: one in twenty wrong poses passes, one right one fails
   static constexpr double kChanceShare =
       1.0 / 3;  // of evenly spread events within three matching distances, those that match
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
@@ -149,9 +152,10 @@ class TrackHealth {
   double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
   double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
 
-  void judge(double log_likelihood_ratio, LossReason reason) noexcept {
+  // By the logarithm of how much likelier the evidence is if the marker is lost.
+  void judge(double evidence_of_loss, LossReason reason) noexcept {
     double& log_odds = log_odds_[static_cast<std::size_t>(reason)];
-    log_odds = std::min(log_odds - log_likelihood_ratio, bound_);
+    log_odds = std::min(log_odds - evidence_of_loss, bound_);
     summarise();
   }
 
@@ -164,15 +168,15 @@ class TrackHealth {
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
   double bound_;                                 // of the logarithm of the odds, to both sides
-  std::array<double, kLossReasons> log_odds_{};  // that it is not lost for this reason; of LossReason::none, unused
+  std::array<double, kLossReasons> log_odds_{};  // by LossReason, that it is not lost for it; the first is unused
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;
   int matched_ = 0, near_ = 0;  // events since the last judgement
-  double t_us_ = 0;             // of that
+  double t_us_ = 0;             // time of that judgement [us]
   double usual_share_ = 0.9;    // of the events near edges that lie on them
   double near_per_us_ = 0;      // usual rate of the others
-  double known_us_ = 0;         // for how long that has been measured, limited to kRateMemory_us
+  double known_us_ = 0;         // time surely followed, limited to kRateMemory_us
 };
 
 }  // namespace evmarker

@@ -30,15 +30,17 @@
 namespace evmarker {
 
 /// A `Tracker` without its detector, for those who run the detector elsewhere: it says when a detection is due, and
-/// takes the result whenever that is there. Between detections nothing throws, and nothing allocates unless nearly
-/// every event updates several overlapping markers.
+/// takes the result whenever it arrives. Between detections nothing throws but the filter and `use`, and nothing
+/// allocates unless nearly every event updates several overlapping markers; a copy has no memory in reserve and
+/// allocates at first. If the filter throws, the core can only be destroyed.
 ///
 /// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
 /// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
 /// would remove the first ones of a slow edge. Nothing gets those of hot pixels, see HotPixels.
 ///
 /// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. A time
-/// in which even the noise stops, see NoiseFloor, is a gap in which events were lost, as one that `skip_to` reports.
+/// in which even the noise stops, see NoiseFloor, counts as a gap in which events were lost, like one that `skip_to`
+/// reports.
 template <PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class TrackerCore {
  public:
@@ -65,7 +67,8 @@ class TrackerCore {
   /// `use(pose)` with each pose that they lead to, in the order of the events, valid during the call.
   /// @param stop called with each event that has passed the noise filter; if it returns true, that event is the last
   /// one
-  /// @return how many were tracked; 0 if an event that TimeGuard had held back was tracked instead
+  /// @return how many were taken: tracked, held back or discarded; 0 if an event that TimeGuard had held back was
+  /// tracked instead
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
@@ -82,14 +85,16 @@ class TrackerCore {
   /// True while a detected marker has not been given all events since its detection.
   bool behind() const noexcept { return !tentative_.caught_up(events_.history()); }
 
-  /// Gives these markers at most `events` of the missed events each; to be called while no new events come.
+  /// Gives each detected marker at most `events` of the events that it has not had yet; to be called while no new
+  /// events come.
   template <std::invocable<const PoseEstimate&> Use>
   void catch_up(int events, const Use& use) {
     catch_up(events);
     deliver(use);
   }
 
-  /// Goes on at a later time; the events until then are missing. The result of a detection that was requested before
+  /// Goes on after a gap: the events until `t`, the time of the next event, are missing. A gap up to
+  /// MarkerTracker::kHarmlessGap is ignored. The result of a detection that was requested before
   /// the gap starts no tracker, as the events to replay are missing.
   template <std::invocable<const PoseEstimate&> Use>
   void skip_to(Timestamp t, const Use& use) {
@@ -107,8 +112,9 @@ class TrackerCore {
   /// True while no marker is confirmed, one waits to be confirmed, or one was lost a short time ago.
   bool searching() const noexcept { return confirmed_.empty() || !tentative_.empty() || !missing_.empty(); }
 
-  /// What the detector should say about the frame as it is now. From here on its result is pending.
+  /// Makes a request to the detector about the present frame. From here on its result is pending.
   DetectionRequest request_detection(Timestamp t) {
+    note_places_at_request();
     ++statistics_.detections;
     schedule_.begin(t);
     missing_.remove_unpredictable(t);
@@ -145,7 +151,7 @@ class TrackerCore {
       if (!followable) break;
       drop_contradicted(found);
       if (has_tracker(found.detection.id)) continue;
-      if (confirmed_.size() + tentative_.size() == settings_.max_markers) break;
+      if (confirmed_.size() + tentative_.size() == settings_.max_markers) continue;
       tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, found.model, found.detection, settings_.marker),
                       result.events_in_frame, events_.history()});
     }
@@ -158,14 +164,15 @@ class TrackerCore {
 
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
   const PolarityFrame& polarity_frame() const noexcept { return events_.frame(); }
-  /// Time of the last event pushed [us].
+  /// Time of the last event whose time was right, see TimeGuard [us]; the least Timestamp before the first.
   Timestamp last_t() const noexcept { return last_t_; }
   /// The `MarkerTracker` of every confirmed marker.
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
-  static constexpr std::uint64_t kLongestGap_us = 1000000000;  // after longer ones, no more is known than after this
-  static constexpr std::size_t kTogether = 64;                 // events for each marker: enough for good groups
+  static constexpr std::uint64_t kLongestGap_us =
+      1000000000;                               // a longer one counts as this long: nothing is bridged either way
+  static constexpr std::size_t kTogether = 64;  // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
@@ -186,8 +193,8 @@ class TrackerCore {
     return 1;
   }
 
-  // Goes on after a time without any event if the sensor or its transmission has failed meanwhile. What the frame
-  // showed before may have moved away.
+  // If no events came for so long that the sensor or its transmission must have failed, goes on as after a gap. What
+  // the frame showed before may have moved away.
   void skip_outage(Timestamp t) {
     if (!is_harmful_gap(t) || !events_.is_outage(last_t_, t)) return;
     ++statistics_.outages;
@@ -303,7 +310,7 @@ class TrackerCore {
     if (!poses_.empty()) poses_.hand_over(use);
   }
 
-  // The detector may find lost markers again.
+  // Moves lost markers to those that the detector may find again.
   void move_lost_to_missing() {
     if (missing_.add_lost_of(confirmed_)) schedule_.note_all_tracked(false);
   }
@@ -321,6 +328,22 @@ class TrackerCore {
                                  });
   }
 
+  void note_places_at_request() {
+    at_request_.clear();
+    const auto note = [&](const PlanarHypotheses<Rule>& marker) {
+      at_request_.push_back({marker.id(), marker.tracker().T_camera_marker()});
+    };
+    std::ranges::for_each(confirmed_.all(), note);
+    tentative_.for_each(note);
+  }
+
+  // True if a marker was detected elsewhere than where its tracker had it in the detector's frame: until the result it
+  // may have moved on by more than its size. False if it was not tracked then.
+  bool was_elsewhere(const DetectionResult::Marker& found) const {
+    const auto then = std::ranges::find(at_request_, found.detection.id, &PlacedMarker::id);
+    return then != at_request_.end() && !same_place(found, then->T_camera_marker);
+  }
+
   bool has_tracker(MarkerId id) { return tentative_.find(id) != nullptr || confirmed_.find(id) != nullptr; }
 
   // Drops the tracker of a marker that was detected elsewhere: a tentative one at once, as it must have followed
@@ -328,16 +351,14 @@ class TrackerCore {
   // was detected elsewhere again and again.
   void drop_contradicted(const DetectionResult::Marker& found) {
     const MarkerDetection& detection = found.detection;
-    const auto elsewhere = [&](const PlanarHypotheses<Rule>& marker) {
-      return !same_place(found, marker.tracker().T_camera_marker());
-    };
-    if (const PlanarHypotheses<Rule>* const tentative = tentative_.find(detection.id)) {
-      if (elsewhere(*tentative)) tentative_.erase(detection.id);
+    const bool away = was_elsewhere(found);
+    if (tentative_.find(detection.id)) {
+      if (away) tentative_.erase(detection.id);
       return;
     }
     PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
     if (marker == nullptr) return;
-    const bool away = elsewhere(*marker), often = marker->count_detection(away);
+    const bool often = marker->count_detection(away);
     if (!often && !(away && marker->silent_for(settings_.detection_interval, detection.t))) return;
     collect(marker->tracker().lose(LossReason::replaced));
     confirmed_.erase(detection.id);
@@ -352,9 +373,10 @@ class TrackerCore {
   TentativeMarkers<Rule> tentative_;
   MissingMarkers<Rule> missing_;
   PoseOutbox poses_;
-  bool search_often_ = true;  // `searching()` as of the last check
+  std::vector<PlacedMarker> at_request_;  // the markers, where they were at the last request to the detector
+  bool search_often_ = true;              // `searching()` as of the last check
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
-  std::uint64_t followable_from_ = 0;  // number in the history: after this event, none are missing
+  std::uint64_t followable_from_ = 0;  // EventHistory::pushed() at the last gap: since then, none are missing
   TrackerStatistics statistics_;
 };
 

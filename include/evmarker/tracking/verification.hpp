@@ -19,11 +19,11 @@ struct VerificationSettings {
   int updates = 100;              ///< k: updates of the forward tracker in a window, which is then backtracked
   int every = 2;                  ///< one window in this many is backtracked; 1: all, at twice the cost
   double max_translation_px = 5;  ///< epsilon_T
-  /// epsilon_R; automatic: the paper's 0.15 rad, or 3 max_translation_px / s where that is more, with the marker's size
-  /// s in the image: about each of three axes, an angle by which opposite sides move apart by max_translation_px.
+  /// epsilon_R; automatic: the paper's 0.15 rad or, if larger, three times (one per axis) max_translation_px / s, the
+  /// angle at which opposite sides of a marker of s pixels move by max_translation_px against each other.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
-  std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked early
+  std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked at once
 };
 
 /// @throws std::invalid_argument naming the setting that is out of range
@@ -51,8 +51,8 @@ struct BacktrackError {
   double expected_rad = 0;
 };
 
-/// Eqs. (13), (14) between a forward and a backtracked pose of the same time. The paper compares poses of different
-/// times; the angle differences are wrapped, which it does not say.
+/// Eqs. (13), (14) between a forward and a backtracked pose. Unlike in the paper, both poses are of the same time, and
+/// angle differences are wrapped to [-pi, pi].
 inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Eigen::Isometry3d& backward,
                                       double focal_length) noexcept {
   const auto centre = [&](const Eigen::Isometry3d& T) { return image_point(translation(T), focal_length); };
@@ -63,19 +63,31 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
           geodesic_angle(forward.linear(), backward.linear())};
 }
 
-/// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: two steps back with
-/// every new event, so that no event waits for the whole way.
+/// Standard deviations of the place of a marker's origin in the image, along x and along y, added as in Eq. (13) [px].
+/// @param covariance of the pose, see PoseEstimate
+/// @param T the origin [m, camera frame]
+inline double origin_deviation_px(const Matrix6d& covariance, Vec3 T, double focal_length) noexcept {
+  double deviation_px = 0;
+  for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
+    const Eigen::Vector3d g = image_gradient(along, T, focal_length);
+    deviation_px += std::sqrt(std::max(0.0, g.dot(covariance.topLeftCorner<3, 3>() * g)));
+  }
+  return deviation_px;
+}
+
+/// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: on average two steps
+/// back with every new event, so that no event waits for the whole way. Only a brief window, for whose result a tracker
+/// waits, and one that is full are backtracked at once.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
   Verification(const EdgeFollower<Rule>& forward, const VerificationSettings& settings)
-      : settings_(settings),
+      : settings_((validate(settings), settings)),
         window_(settings.max_events),
         past_(settings.max_events),
         backward_(forward),
         T_start_(forward.T_camera_marker()) {
-    validate(settings);
     const MarkerModel& model = forward.matcher().model();
     const Vec3 middle = centre(model);
     for (const Eigen::Vector3d& vertex : model.vertices) {
@@ -117,7 +129,7 @@ class Verification {
            error.rotation_rad <= std::max(max_rotation_rad(), kMaxSigmas * error.expected_rad);
   }
 
-  /// epsilon_R of a marker at the present distance.
+  /// epsilon_R of a marker at the distance at which the last window was backtracked.
   double max_rotation_rad() const noexcept {
     if (settings_.max_rotation_rad != kAutomatic) return settings_.max_rotation_rad;
     const double size_px = backward_.matcher().focal_length() * size_m_ / translation(backward_.T_camera_marker()).z;
@@ -126,7 +138,7 @@ class Verification {
 
  private:
   static constexpr double kPapersRotation_rad = 0.15;
-  static constexpr double kMaxSigmas = 6;       // standard deviations
+  static constexpr double kMaxSigmas = 6;       // chance errors, also of sums that are not normal, never reach as many
   static constexpr std::size_t kStepsBack = 2;  // for each new event: done in half of the time of the next window
   static constexpr int kWait = 16;  // events after which the steps for all of them are made at once, which costs less
 
@@ -153,7 +165,7 @@ class Verification {
     const bool complete = (brief_ ? window_.size() >= brief_events_
                                   : updates_ >= settings_.updates && window_.size() >= settings_.min_events) &&
                           steps_left_ == 0;
-    const bool nearly_full = window_.size() > window_.capacity() - window_.capacity() / 8;
+    const bool nearly_full = window_.size() > window_.capacity() - std::max<std::size_t>(window_.capacity() / 8, 1);
     if (!updated || (!complete && !nearly_full)) return error;
     if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // nearly full: to its end
     turn_back(forward);
@@ -166,8 +178,7 @@ class Verification {
   // Begins to fill a window at the forward tracker's present pose.
   void begin_filling(const EdgeFollower<Rule>& forward) noexcept {
     T_start_ = forward.T_camera_marker();
-    start_sigma_ = {};
-    set_expected(forward, start_sigma_);
+    start_sigma_ = expected_error(forward);
     window_.clear();
     updates_ = 0;
   }
@@ -210,21 +221,26 @@ class Verification {
     }
     if (steps_left_ > 0) return nullptr;
     error_ = backtrack_error(T_past_start_, backward_.T_camera_marker(), backward_.matcher().focal_length());
-    set_expected(backward_, error_);
-    error_.expected_px = std::hypot(error_.expected_px, past_start_sigma_.expected_px);
-    error_.expected_rad = std::hypot(error_.expected_rad, past_start_sigma_.expected_rad);
+    const ExpectedError expected = expected_error(backward_);
+    error_.expected_px = std::hypot(expected.px, past_start_sigma_.px);
+    error_.expected_rad = std::hypot(expected.rad, past_start_sigma_.rad);
     return &error_;
   }
 
-  // Sets the error that is to be expected by the rule's covariance: far away, the tilt of a small marker is less
-  // certain than the threshold, and so is the place just after a standstill, over which the filter has predicted.
-  static void set_expected(const EdgeFollower<Rule>& follower, BacktrackError& error) noexcept {
+  // Standard deviations by the rule's covariance, each a sum over the axes; zero where the rule has none.
+  struct ExpectedError {
+    double px = 0, rad = 0;
+  };
+  // Far away, the tilt of a small marker is less certain than the threshold, and so is the place just after a
+  // standstill, over which the filter has predicted.
+  static ExpectedError expected_error(const EdgeFollower<Rule>& follower) noexcept {
+    ExpectedError error;
     if constexpr (MotionEstimatingRule<Rule>) {
       const Matrix6d P = follower.rule().covariance();
-      const double depth = translation(follower.T_camera_marker()).z;
-      error.expected_px = (std::sqrt(P(0, 0)) + std::sqrt(P(1, 1))) * follower.matcher().focal_length() / depth;
-      error.expected_rad = std::sqrt(P(3, 3)) + std::sqrt(P(4, 4)) + std::sqrt(P(5, 5));
+      error.px = origin_deviation_px(P, translation(follower.T_camera_marker()), follower.matcher().focal_length());
+      error.rad = std::sqrt(P(3, 3)) + std::sqrt(P(4, 4)) + std::sqrt(P(5, 5));
     }
+    return error;
   }
 
   VerificationSettings settings_;
@@ -233,10 +249,10 @@ class Verification {
   std::size_t steps_left_ = 0;  // events of it still to be replayed
   int waited_ = 0;              // events since the last steps
   Eigen::Isometry3d T_past_start_ = Eigen::Isometry3d::Identity();
-  BacktrackError start_sigma_, past_start_sigma_;  // what is to be expected of the poses at the windows' starts
-  BacktrackError error_;                           // of the last window that was backtracked
-  EdgeFollower<Rule> backward_;                    // kept, so that copying into it does not allocate
-  Eigen::Isometry3d T_start_;                      // P_n
+  ExpectedError start_sigma_, past_start_sigma_;  // of the poses at the windows' starts
+  BacktrackError error_;                          // of the last window that was backtracked
+  EdgeFollower<Rule> backward_;                   // kept, so that copying into it does not allocate
+  Eigen::Isometry3d T_start_;                     // the forward pose at the start of the window, the paper's P_n
   int updates_ = 0;
   bool brief_ = false;
   std::size_t brief_events_ = 0;

@@ -11,7 +11,7 @@
 
 namespace evmarker {
 
-/// Gains of the paper's rule, dimensionless: the same numbers serve every marker size and unit.
+/// Gains of the paper's rule. By default they are dimensionless, so that the same numbers serve every marker size.
 struct DecoupledSettings {
   /// w0 of Eqs. (8), (9), (11): the weight of one event in the running averages. The default, 0, stands for
   /// min(0.1, 1 / events_per_update): the averages extend over the events of one update, and over ten at least.
@@ -39,8 +39,9 @@ struct DecoupledSettings {
   }
 };
 
-/// Translation by Lu's optimal step over running averages, rotation by the torque of virtual springs about the marker's
-/// origin (Loch, Haessig, Vincze; Reverter Valeiras et al.). Estimates neither twist nor covariance.
+/// Translation that minimises the error in space (Lu, Hager and Mjolsness, 2000) over running averages, rotation by the
+/// torque of virtual springs about the marker's origin (Loch, Haessig, Vincze; Reverter Valeiras et al.). Estimates
+/// neither twist nor covariance.
 class DecoupledUpdate {
  public:
   using Settings = DecoupledSettings;
@@ -64,7 +65,8 @@ class DecoupledUpdate {
   }
 
   /// Sets the trail that is corrected.
-  /// @param events_per_passage events per area that edges sweep in the image: as many as a pixel makes in a passage
+  /// @param events_per_passage events per area that edges sweep in the image [1/px^2]: as many as a pixel makes in a
+  /// passage
   // The width of an edge in focus is assumed. Measured from the residuals, as KalmanUpdate does, it would contain this
   // rule's jitter: the trail would come out too long, and that would in turn increase the jitter.
   void set_trail_by_events_per_passage(double events_per_passage, double focal_length) noexcept {
@@ -117,8 +119,8 @@ class DecoupledUpdate {
     const double c_yy = xx * zz - xz * xz, c_yz = xy * xz - xx * yz, c_zz = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xz * c_xz;
     const double unit = settings_.torque_length_unit_m, unit2 = unit > 0 ? unit * unit : means_[kLever2];
-    // If an update has fewer events than the averages extend over, only about this share of them is new. The gain is
-    // reduced to it, so that old events, which are still in the averages, are not applied again in full.
+    // If an update has fewer events than the averages extend over, only about the share `renewed_` of the averages is
+    // new. The step is reduced to it, so that old events, which are still in them, are not applied again in full.
     const double share = signal_weight_ * renewed_, step = share * settings_.translation_gain / determinant;
     const Vec3 dT(step * (c_xx * B.x + c_xy * B.y + c_xz * B.z),  // Eqs. (7), (10)
                   step * (c_xy * B.x + c_yy * B.y + c_yz * B.z), step * (c_xz * B.x + c_yz * B.y + c_zz * B.z));
@@ -148,18 +150,19 @@ class DecoupledUpdate {
   /// origin, is E - T. After a step, the averages are not recomputed for the new pose: old pulls act again, weaker, in
   /// later steps. In our experiments it is this that lets the pose keep up with fast motion.
   /// @param m line of sight M = (m; 1)
-  /// @param gradient d(n.u) / dE: u the image of E [px], n the edge's unit normal in the image [px/m]
+  /// @param gradient d(n.u) / dE [px/m]: u the image of E, n the edge's unit normal toward its dark side
   /// @param polarity of the event, 0 if not known on which side the edge is dark
   [[gnu::always_inline]] Terms terms(Vec2 m, Vec3 E, Vec3 F, Vec3 gradient, double polarity, Vec3 T) const noexcept {
     const double inverse_MM = 1 / (m.x * m.x + m.y * m.y + 1);
-    // (L - I) E = F - E. The correction of a trail of d pixels shifts F by d along the image normal n, toward the dark
+    // (L - I) E = F - E. The correction of a trail of d pixels shifts F by d along the image normal n, to the dark
     // side for ON events, which lie on the bright side, and back for OFF events. In space that is d F.z / f (n; 0), and
     // that is d F.z E.z / f^2 (g.x, g.y, 0), as the gradient's g.xy = f / E.z n. Of this v, the part across the line of
     // sight counts: v - (M.v / M.M) M.
-    const double trail = trail_over_f2_ * polarity * F.z * E.z;
+    const double v_per_gradient = trail_over_f2_ * polarity * F.z * E.z;  // [m^2/px]
     const double along_sight = inverse_MM * (m.x * gradient.x + m.y * gradient.y);
-    const Vec3 pull{F.x - E.x + trail * (gradient.x - along_sight * m.x),
-                    F.y - E.y + trail * (gradient.y - along_sight * m.y), F.z - E.z - trail * along_sight};
+    const Vec3 pull{F.x - E.x + v_per_gradient * (gradient.x - along_sight * m.x),
+                    F.y - E.y + v_per_gradient * (gradient.y - along_sight * m.y),
+                    F.z - E.z - v_per_gradient * along_sight};
     const Vec3 lever = E - T, torque = cross(lever, pull);
     return {inverse_MM * m.x * m.x,
             inverse_MM * m.x * m.y,
@@ -193,8 +196,8 @@ class DecoupledUpdate {
   double weight_ = 0;         // w0
   double signal_weight_ = 1;  // see set_signal_weight
   double renewed_ = 1;        // min(1, n w0), about the share of the averages that is new after n events
-  // Zero at first, so that A = I. From a few events on nearly one line of sight A would be almost singular along it,
-  // and the step in depth huge.
+  // Zero at first, so that A = I. As the mean of only the first few events, on nearly one line of sight, A would be
+  // almost singular along it, and the step in depth huge.
   alignas(16) Terms means_{};
   alignas(64) std::array<simd::Lanes, kTerms> sums_{};  // see the batch version of `add`
   bool summing_ = false;                                // events have been added to them since the last update
