@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Builds and runs every test: those of the package, its consumers and the Python module, optimised; all others under the
-# address and undefined behaviour sanitizers; those of threads under the thread sanitizer. Stops at the first failure.
+# Builds and runs every test: those of the package, its consumers, the Python module and a few rooms, optimised; all
+# others under the address and undefined behaviour sanitizers; those of threads under the thread sanitizer, too. Stops
+# at the first failure.
 # Arguments name other presets to run instead: tests/run.sh release runs all that needs no sanitizer, optimised.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
