@@ -95,6 +95,16 @@ TEST_CASE("EventReader: a silent FIFO prevents neither the end of the reader nor
   CHECK(rest.get() < events.size());
 }
 
+TEST_CASE("EventReader: a recording that is stopped before its first byte is not called empty") {
+  const TemporaryFolder folder;
+  const Fifo silent(folder / "silent", "");
+  std::atomic<bool> stop = false;
+  auto error = std::async(std::launch::async,
+                          [&] { return error_of([&] { EventReader(folder / "silent", {.stop = &stop}); }); });
+  stop = true;
+  CHECK(contains(error.get(), "silent: stopped before its first byte"));
+}
+
 TEST_CASE("EventReader: options reach the reader") {
   const TemporaryFolder folder;
   const auto path = write_file(folder / "a.txt", "6 5 1 100\n");

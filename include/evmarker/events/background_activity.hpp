@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <numeric>
 
-#include "evmarker/events/event.hpp"
+#include "evmarker/events/camera_time.hpp"
 
 namespace evmarker {
 
@@ -32,11 +32,9 @@ class BackgroundActivity {
   /// @param t time of the event [us]
   /// @return how many events later the next sample is to be added
   std::uint64_t add(std::uint64_t age_us, Timestamp t) noexcept {
-    // A step back of the clock does not count as observed time, nor does the way from there to where it was; a jump
-    // ahead counts only with its first second.
-    const std::uint64_t passed_us = t > last_t_ && samples_ > 0 ? std::min(elapsed_us(last_t_, t), kLongest_us) : 0;
+    // A jump ahead counts only with its first second.
+    const std::uint64_t passed_us = std::min(time_.advance(t), kLongest_us);
     observed_us_ += static_cast<double>(passed_us);
-    if (t > last_t_ || samples_ == 0 || elapsed_us(t, last_t_) > kLongest_us) last_t_ = t;
     // An age cannot be longer than the time observed: what came before the first sample is unknown.
     const std::uint64_t known_us = std::min({age_us, static_cast<std::uint64_t>(observed_us_), kOldest_us});
     by_age_[static_cast<std::size_t>(std::bit_width(known_us / kYoungest_us))] += static_cast<double>(per_sample_);
@@ -66,7 +64,8 @@ class BackgroundActivity {
 
   void estimate() noexcept {
     // Rate of the `older` events, those with an age over `age_us`: their number, and one sample more, as a rate may be
-    // above 0 where no event was seen, divided by the time in which such an age could be seen: not at the begin.
+    // above 0 where no event was seen, divided by the time in which such an age could be seen: not just after
+    // the begin.
     const auto rate_of = [&](double older, double age_us) {
       return (older + static_cast<double>(per_sample_)) * hz_per_px_by_events_per_us_ /
              (observed_us_ - begin_share_ * age_us);
@@ -95,9 +94,9 @@ class BackgroundActivity {
   std::array<double, kAges> by_age_{};  // events, by the bins of their ages
   double observed_us_ = 0;
   double remembered_ = 0;   // samples, the forgotten ones taken off
-  double begin_share_ = 1;  // how much the begin, when older ages were not known, still counts
+  double begin_share_ = 1;  // of the counts that go back to the begin, before which no ages were known
   std::uint64_t samples_ = 0, per_sample_ = kEventsAtFirst;
-  Timestamp last_t_ = 0;
+  CameraTime time_;
   double hz_per_px_ = kPrior;
 };
 

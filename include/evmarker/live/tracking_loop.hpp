@@ -67,8 +67,8 @@ class TrackingLoop {
   }
 
  private:
-  static constexpr std::chrono::milliseconds kMaxWait{
-      5};  // for events, before stop, results and triggers are looked for
+  // Longest wait for events, before it is looked for a stop, results and triggers.
+  static constexpr std::chrono::milliseconds kMaxWait{5};
 
   // Tracks the next block of events; if none comes, does what is due meanwhile.
   void track_next_block() {

@@ -346,9 +346,9 @@ class GridMatcher {
   double focal_length_;
   double end_margin_, ambiguity_;       // settings as tangents: pixels divided by the focal length
   double max_distance_;                 // the same
-  double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near, the same
+  double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near; the same
   double limit2_;                       // max_distance_ squared
-  double rival_factor_, rival_offset_;  // a match at d needs a runner-up beyond factor d^2 + offset, squared
+  double rival_factor_, rival_offset_;  // squared distance of the least runner-up: factor d^2 + offset
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;

@@ -92,21 +92,32 @@ struct PoseEstimate {
   TrackingQuality quality;
 };
 
+/// Variances of a marker point's place in the undistorted image, along x and along y [px^2].
+/// @param covariance of the pose, see PoseEstimate
+/// @param origin of the marker [m, camera frame]
+/// @param lever from the origin to the point [m, camera frame]
+/// @param focal_length [px]
+inline Vec2 image_variances(const Matrix6d& covariance, Vec3 origin, Vec3 lever, double focal_length) noexcept {
+  const auto variance = [&](Vec2 along) {
+    const Vec3 g = image_gradient(along, origin + lever, focal_length);
+    // Derivative of the point's image by the perturbation.
+    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
+    double sum = 0;
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t i = 0; i < 6; ++i) sum += J[i] * covariance.data()[6 * k + i] * J[k];
+    return sum;
+  };
+  return {variance({1, 0}), variance({0, 1})};
+}
+
 /// Variance of a marker point's place in the undistorted image, the sum over x and y [px^2]. The pose must have a
 /// covariance.
 /// @param point [m, marker frame]
 /// @param focal_length [px]
 inline double image_variance(const PoseEstimate& pose, Vec3 point, double focal_length) noexcept {
-  const Vec3 lever = rotate(pose.T_camera_marker, point), X = lever + translation(pose.T_camera_marker);
-  double variance = 0;
-  for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
-    const Vec3 g = image_gradient(along, X, focal_length);
-    // Derivative of the point's image by the perturbation.
-    const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
-    for (std::size_t k = 0; k < 6; ++k)
-      for (std::size_t i = 0; i < 6; ++i) variance += J[i] * pose.covariance->data()[6 * k + i] * J[k];
-  }
-  return variance;
+  const Vec2 variances = image_variances(*pose.covariance, translation(pose.T_camera_marker),
+                                         rotate(pose.T_camera_marker, point), focal_length);
+  return variances.x + variances.y;
 }
 
 }  // namespace evmarker

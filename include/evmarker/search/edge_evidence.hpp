@@ -21,8 +21,8 @@ namespace evmarker {
 /// noise or clutter everywhere, a short distance means little.
 class EdgeEvidence {
  public:
-  static constexpr int kFar =
-      6;  ///< [cells] distances are limited to this; an active cell farther away is not of this edge
+  /// Distances are limited to this: an active cell that is farther away is not of this edge [cells].
+  static constexpr int kFar = 6;
   static constexpr double kUnit = 16;     ///< stored evidence per nat
   static constexpr double kSilent = 0.5;  ///< assumed share of edges without events: hidden, or moving along themselves
 

@@ -11,6 +11,7 @@
 
 #include "evmarker/base/box.hpp"
 #include "evmarker/base/require.hpp"
+#include "evmarker/events/camera_time.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/event_history.hpp"
 #include "evmarker/model/marker_model.hpp"
@@ -27,8 +28,9 @@ struct StartPoseSearchSettings {
   double reach_share = 0.18;    ///< StartPoseReach::sideways_px, as a share of the wireframe's size in the image
   double depth_share = 0.1;     ///< StartPoseReach::depth_share
   double rotation_rad = 0.105;  ///< StartPoseReach::rotation_rad
-  double false_alarms = 1e-6;  ///< share of the attempts in mere noise that may find a pose; up to hundreds in a second
-  double wrong_basins = 1e-3;  ///< share of the poses found from which a tracker may converge to another than the true
+  double false_alarms =
+      1e-6;  ///< share of the attempts in mere noise that find a pose; hundreds may be made in a second
+  double wrong_basins = 1e-3;  ///< share of the poses found from which a tracker converges to a wrong one
   std::optional<std::chrono::microseconds> longest{};  ///< camera time after which the search is given up; empty: never
 };
 
@@ -77,7 +79,7 @@ class StartPoseSearch {
   void restart(const Eigen::Isometry3d& T_rough, const StartPoseReach& reach) noexcept {
     set_region_and_grid(T_rough, reach);
     state_ = State::searching;
-    begun_ = false;
+    time_ = {};
     searched_us_ = 0;
     budget_ = kFullBudget;
     forget();
@@ -97,10 +99,8 @@ class StartPoseSearch {
   /// @return true if the search ends with this event
   bool push(const Event& event, Vec2 u) noexcept {
     if (state_ != State::searching) return false;
-    const std::uint64_t passed_us = begun_ && event.t > last_t_ ? elapsed_us(last_t_, event.t) : 0;
-    searched_us_ += static_cast<double>(passed_us);
-    last_t_ = event.t;
-    begun_ = true;
+    const auto passed_us = static_cast<double>(time_.advance(event.t));
+    searched_us_ += passed_us;
     if (settings_.longest && searched_us_ > static_cast<double>(settings_.longest->count())) {
       state_ = State::given_up;
       return true;
@@ -109,7 +109,7 @@ class StartPoseSearch {
       counts_.add(static_cast<std::size_t>(cell), event.t);
       recent_.push(event);
     }
-    budget_ = std::min(budget_ + kBudgetPerUs * static_cast<double>(passed_us), kFullBudget);
+    budget_ = std::min(budget_ + kBudgetPerUs * passed_us, kFullBudget);
     do_work();
     return state_ != State::searching;
   }
@@ -186,8 +186,7 @@ class StartPoseSearch {
       if (events < least_events_ || fresh < 0.6 * events) continue;
       scale_ = scale;
       tried_at_[static_cast<std::size_t>(scale)] = recent_.pushed();
-      // The median event of counts that fade exponentially is .69 of their number back; the pose is that of a newer
-      // one, as the newest events weigh most.
+      // The counts fade: they show the wireframe where it was about half of their number of events ago.
       const auto back = std::min({static_cast<std::size_t>(events / 2), recent_.size(), kReplayed});
       next_replayed_ = recent_.pushed() - back;
       evidence_.start(region_, scale, events);
@@ -239,10 +238,9 @@ class StartPoseSearch {
   FadingCounts counts_{kSide * kSide};
   EdgeEvidence evidence_{kSide * kSide};
   EventHistory recent_{2 * kReplayed};  // events in the region
-  bool begun_ = false;                  // there has been an event
-  Timestamp last_t_ = 0;                // of the last one
-  double searched_us_ = 0;              // camera time since the first one
-  double budget_ = 0;                   // [look-ups], negative if overdrawn
+  CameraTime time_;
+  double searched_us_ = 0;  // camera time since the first one
+  double budget_ = 0;       // [look-ups], negative if overdrawn
 
   State state_ = State::searching;
   Phase phase_ = Phase::waiting;

@@ -6,7 +6,7 @@
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/search/start_pose_search.hpp"
-#include "evmarker/tracking/edge_follower.hpp"
+#include "evmarker/tracking/edge_follower_settings.hpp"
 #include "evmarker/tracking/track_health.hpp"
 #include "evmarker/tracking/verification.hpp"
 #include "evmarker/update/kalman_update.hpp"

@@ -170,8 +170,8 @@ class TrackerCore {
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
-  static constexpr std::uint64_t kLongestGap_us =
-      1000000000;                               // a longer one counts as this long: nothing is bridged either way
+  // A longer gap counts as this long: nothing is bridged either way.
+  static constexpr std::uint64_t kLongestGap_us = 1000000000;
   static constexpr std::size_t kTogether = 64;  // events for each marker: enough for good groups
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached

@@ -9,6 +9,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/events/event_history.hpp"
+#include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/model/projection.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
@@ -67,12 +68,8 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
 /// @param covariance of the pose, see PoseEstimate
 /// @param T the origin [m, camera frame]
 inline double origin_deviation_px(const Matrix6d& covariance, Vec3 T, double focal_length) noexcept {
-  double deviation_px = 0;
-  for (const Vec2 along : {Vec2(1, 0), Vec2(0, 1)}) {
-    const Eigen::Vector3d g = image_gradient(along, T, focal_length);
-    deviation_px += std::sqrt(std::max(0.0, g.dot(covariance.topLeftCorner<3, 3>() * g)));
-  }
-  return deviation_px;
+  const Vec2 variances = image_variances(covariance, T, {}, focal_length);
+  return std::sqrt(std::max(0.0, variances.x)) + std::sqrt(std::max(0.0, variances.y));  // rounding may go below 0
 }
 
 /// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: on average two steps
@@ -138,7 +135,7 @@ class Verification {
 
  private:
   static constexpr double kPapersRotation_rad = 0.15;
-  static constexpr double kMaxSigmas = 6;       // chance errors, also of sums that are not normal, never reach as many
+  static constexpr double kMaxSigmas = 6;       // standard deviations by which a right pose may come back off
   static constexpr std::size_t kStepsBack = 2;  // for each new event: done in half of the time of the next window
   static constexpr int kWait = 16;  // events after which the steps for all of them are made at once, which costs less
 
