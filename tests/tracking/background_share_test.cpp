@@ -85,3 +85,14 @@ TEST_CASE("a motion too slow to be told from the last events alone is told from 
   around.pass(2, 1000, 2000);
   CHECK(around.still > 0.6 * around.judged);  // it takes as long to be sure again
 }
+
+TEST_CASE("what a fast marker makes beside its edges is no background of the same marker in slow motion") {
+  Around around;
+  around.share.expect_matching(1.0 / 2);
+  around.pass(1, 200000, 20000);
+  CHECK(around.share.signal() == 1);
+  CHECK(around.share.matching_per_s() > 5000);
+  around.pass(0.1, 8000, 800);
+  CHECK(around.share.signal() == 1);
+  CHECK(around.share.matching_per_s() < 2000);  // of the 8000 and not the 20000 of before
+}

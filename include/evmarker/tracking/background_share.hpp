@@ -29,6 +29,8 @@ class BackgroundShare {
     t_us_ = now_us;
     // Background is limited to twice its usual rate: more events beside the edges have another cause.
     const double background = matching_to_others_ * std::min(1.0 * others_, 2 * others_per_us_ * dt_us);
+    // Not the usual rate: a fast marker makes many events beside its edges, and a slow one none of these.
+    matching_per_us_ = background / dt_us;
     others_per_us_ += dt_us / (dt_us + known_us_) * (others_ / dt_us - others_per_us_);
     known_us_ = std::min(known_us_ + dt_us, kMemory_us);
     const Excess now{1.0 * matched_, matched_ - background, background * (1 + matching_to_others_)};
@@ -42,8 +44,8 @@ class BackgroundShare {
   /// Weight of the matched events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.
   double signal() const noexcept { return signal_; }
 
-  /// Usual number of background events that match edges [1/s].
-  double matching_per_s() const noexcept { return 1e6 * matching_to_others_ * others_per_us_; }
+  /// Background events that match edges, as of the last judgement [1/s].
+  double matching_per_s() const noexcept { return 1e6 * matching_per_us_; }
 
  private:
   // By how many the events on the edges exceed the background expected there, and the variance of that number.
@@ -66,9 +68,10 @@ class BackgroundShare {
   double matching_to_others_ = 0.5;  // of the background: events that match edges per event that does not
   int matched_ = 0, others_ = 0;
   bool begun_ = false;
-  double t_us_ = 0;           // when `signal()` was last computed
-  double others_per_us_ = 0;  // usual rate of the events beside the edges
-  double known_us_ = 0;       // for how long that rate has been measured, limited to kMemory_us
+  double t_us_ = 0;             // when `signal()` was last computed
+  double others_per_us_ = 0;    // usual rate of the events beside the edges
+  double known_us_ = 0;         // for how long that rate has been measured, limited to kMemory_us
+  double matching_per_us_ = 0;  // background that matches edges, as of the last judgement
   double signal_ = 1;
   Excess lately_;  // fading sums since the last fast motion
 };
