@@ -767,12 +767,6 @@ const Trajectory kTilted = trajectory::handheld({.T_centre = facing_pose({0, 0, 
                                                  .frequency_hz = 1.3,
                                                  .seed = 60});
 
-Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T) {
-  const Eigen::Matrix3d facing = facing_pose({0, 0, 1}).linear();
-  const Eigen::Vector3d turn = so3_log(T.linear() * facing.transpose());
-  return facing_pose(T.translation(), {-turn.x(), -turn.y(), turn.z()});
-}
-
 }  // namespace
 
 TEST_CASE("a marker that was found at the mirrored tilt, for sure, is not announced there") {

@@ -22,6 +22,7 @@
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/model/camera.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/planar_ambiguity.hpp"
 #include "evmarker/opencv/aruco_detector_settings.hpp"
 #include "evmarker/opencv/aruco_shim.hpp"
 #include "evmarker/opencv/code_book.hpp"

@@ -49,16 +49,4 @@ std::vector<Eigen::Isometry3d> solve_planar_pnp(const Camera& camera, const Quad
   return poses;
 }
 
-/// The other pose at which a planar marker has nearly the same image: tilted as much to the other side of its line of
-/// sight.
-inline Eigen::Isometry3d mirrored(const Eigen::Isometry3d& T_camera_marker) {
-  const Vec3 normal = axis(T_camera_marker, 2),
-             to_camera = -1 / norm(translation(T_camera_marker)) * translation(T_camera_marker);
-  const Vec3 about = cross(normal, to_camera);
-  const double tilt = std::atan2(norm(about), dot(normal, to_camera));
-  Eigen::Isometry3d T = T_camera_marker;
-  if (norm(about) > 0) turn(T, 2 * tilt / norm(about) * about);
-  return T;
-}
-
 }  // namespace evmarker::opencv

@@ -13,6 +13,7 @@
 #include "evmarker/base/so3.hpp"
 #include "evmarker/matching/matching_share.hpp"
 #include "evmarker/matching/model_matcher.hpp"
+#include "evmarker/model/planar_ambiguity.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
 #include "evmarker/tracking/edge_follower_settings.hpp"
@@ -141,6 +142,15 @@ class EdgeFollower {
     rule_.extrapolate(T_camera_marker_, t);
     start_from(T_camera_marker_);
   }
+
+  /// Goes on from the pose at which a flat wireframe looks nearly alike, with the motion that looks alike.
+  void mirror(const ModelPlane& plane) noexcept requires MirrorableRule<Rule> {
+    rule_.transform(mirrored_motion(T_camera_marker_, plane));
+    start_from(mirrored(T_camera_marker_, plane));
+  }
+  /// Says that another pose may be the right one.
+  /// @param deviation see MirrorableRule
+  void set_other_pose(const Vec6& deviation) noexcept requires MirrorableRule<Rule> { rule_.set_other_pose(deviation); }
 
   /// Prepares for past events, the newest first. The caller mirrors their times, so that they still increase.
   void reverse() noexcept {

@@ -19,6 +19,7 @@
 #include "evmarker/search/start_pose_search.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
 #include "evmarker/tracking/marker_tracker_settings.hpp"
+#include "evmarker/tracking/tilt_check.hpp"
 #include "evmarker/tracking/track_health.hpp"
 #include "evmarker/tracking/verification.hpp"
 #include "evmarker/tracking/visibility.hpp"
@@ -48,6 +49,7 @@ class MarkerTracker {
         verification_(follower_, settings.verification),
         health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
         visibility_(follower_.matcher().model()),
+        tilt_(follower_),
         t_(t) {
     validate(settings);
     pose_.id = id;
@@ -96,7 +98,7 @@ class MarkerTracker {
   void push_checked(std::span<const Event> events,
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>(), Event()))) {
     while (!events.empty() && state_ != TrackingState::lost) {
-      const bool single = events.size() == 1 || start_pending_ || !follower_.accepts_groups();
+      const bool single = events.size() == 1 || start_pending_ || !accepts_groups();
       std::size_t taken = 1;
       if (!single)
         taken = push_group(events, use);
@@ -128,6 +130,7 @@ class MarkerTracker {
       return nullptr;
     }
     if (!had_near_event_) return nullptr;
+    tilt_.stop(follower_);
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
       if (!start_pending_ && vertices_known_to_matching_distance(pose_at(t))) {
@@ -175,7 +178,7 @@ class MarkerTracker {
   /// Events with lines of sight (X/Z, Y/Z) outside of this box have no effect. It holds until the next pose.
   /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
-    return start_pending_ ? Box::everywhere() : follower_.matcher().reach(border_cells);
+    return start_pending_ || tilt_.comparing() ? Box::everywhere() : follower_.matcher().reach(border_cells);
   }
 
   /// True while it tracks and no evidence speaks against that.
@@ -185,8 +188,8 @@ class MarkerTracker {
   /// be false although nothing would change.
   bool unchanged_by_next(std::size_t events) const noexcept {
     if (events == 0 || state_ == TrackingState::lost) return true;
-    return !start_pending_ && events < follower_.until_update() && !verification_.ends_within(events) &&
-           health_.not_due_within(events);
+    return !start_pending_ && !tilt_.comparing() && events < follower_.until_update() &&
+           !verification_.ends_within(events) && health_.not_due_within(events);
   }
 
   /// True while the marker is searched around its start pose: the state is `converging`, there is no pose yet.
@@ -196,10 +199,11 @@ class MarkerTracker {
 
   MarkerId id() const noexcept { return pose_.id; }
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
-  /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it, or while
-  /// events come so late that they lie anywhere near the edges.
+  /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it, while
+  /// events come so late that they lie anywhere near the edges, or while a flat marker may as well be tilted to the
+  /// other side.
   TrackingState state() const noexcept {
-    return state_ == TrackingState::tracking && (health_.doubtful() || events_fill_distance())
+    return state_ == TrackingState::tracking && (health_.doubtful() || events_fill_distance() || tilt_.doubtful())
                ? TrackingState::converging
                : state_;
   }
@@ -223,8 +227,16 @@ class MarkerTracker {
   [[gnu::always_inline]] const PoseEstimate* push_one(const Event& event) noexcept {
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Vec2 m = lines_of_sight_(event);
-    return start_pending_ ? start(event, m) : after_event(event, follower_.push(m, event.t, polarity(event)));
+    return start_pending_ ? start(event, m) : follow(event, m);
   }
+
+  [[gnu::always_inline]] const PoseEstimate* follow(const Event& event, Vec2 m) noexcept {
+    if (tilt_.comparing()) [[unlikely]]
+      tilt_.push(follower_, m, event.t, polarity(event));
+    return after_event(event, follower_.push(m, event.t, polarity(event)));
+  }
+
+  bool accepts_groups() const noexcept { return follower_.accepts_groups() && !tilt_.comparing(); }
 
   // Several events by loops that become vector instructions. Returns how many were taken.
   template <typename Use>
@@ -237,10 +249,10 @@ class MarkerTracker {
     });
     const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
       if (const PoseEstimate* const pose = after_event(events[i], result)) use(*pose, events[i]);
-      return state_ != TrackingState::lost;
+      return state_ != TrackingState::lost && !tilt_.comparing();
     };
     std::size_t taken = 0;
-    while (taken < group.count() && follower_.accepts_groups() && state_ != TrackingState::lost)
+    while (taken < group.count() && accepts_groups() && state_ != TrackingState::lost)
       taken = follower_.push(group, taken, after);
     return taken;
   }
@@ -274,6 +286,10 @@ class MarkerTracker {
   void after_update() noexcept {
     matched_ += follower_.last_update().matched;
     pose_.quality.updated_t = t_;
+    if (!ambiguous_ && tilt_.judge(follower_)) {
+      verification_.restart(follower_);
+      health_.restart_edges();
+    }
     if (state_ == TrackingState::converging) converge();
   }
 
@@ -353,8 +369,7 @@ class MarkerTracker {
     const PoseEstimate* pose = nullptr;
     for (int i = 0; i < kReplayed && start_pending_ && state_ != TrackingState::lost; ++i) {
       const Event past = start_search_->replay();
-      if (const auto* next = after_event(past, follower_.push(lines_of_sight_(past), past.t, polarity(past))))
-        pose = next;
+      if (const auto* next = follow(past, lines_of_sight_(past))) pose = next;
       start_pending_ = start_search_->replaying();
     }
     return pose;
@@ -405,6 +420,7 @@ class MarkerTracker {
   TrackHealth health_;
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
   Visibility visibility_;
+  TiltCheck<Rule> tilt_;
   PoseEstimate pose_;  // the last one reported, with the present results of verification
   TrackingState state_ = TrackingState::converging;
   bool start_pending_ = false;   // the start search has not found a pose, or not replayed all events since that pose

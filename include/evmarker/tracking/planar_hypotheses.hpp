@@ -87,8 +87,7 @@ class PlanarHypotheses {
   static constexpr int kOftenElsewhere = 5;
   // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
   static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
-  static constexpr double kBeyondChance = 4;  // standard deviations
-  static constexpr double kAlike_rad = 0.1;   // then it does not matter which
+  static constexpr double kAlike_rad = 0.1;  // then it does not matter which
 
   // Not inlined: it is needed for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
@@ -100,7 +99,7 @@ class PlanarHypotheses {
   }
 
   bool can_decide() const noexcept {
-    return lost() || rival_->state() == TrackingState::lost || std::abs(comparison_.z()) > kBeyondChance || alike() ||
+    return lost() || rival_->state() == TrackingState::lost || comparison_.decided() || alike() ||
            comparison_.events() >= kMostEvents;
   }
 

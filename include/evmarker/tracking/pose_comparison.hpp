@@ -1,6 +1,7 @@
 #pragma once
 // Compares which of two similar-looking poses explains the events better.
 #include <cmath>
+#include <numbers>
 
 namespace evmarker {
 
@@ -25,8 +26,13 @@ class PoseComparison {
 
   /// By how many standard deviations the first pose is better; 0 while there are too few events.
   double z() const noexcept { return events_ >= kFewest ? sum_ / std::sqrt(variance_ + kSmallest) : 0; }
+  /// True once the difference is beyond chance.
+  bool decided() const noexcept { return std::abs(z()) > kBeyondChance; }
+  /// Probability that the second pose is the right one.
+  double probability_of_second() const noexcept { return std::erfc(z() / std::numbers::sqrt2) / 2; }
 
  private:
+  static constexpr double kBeyondChance = 4;  // standard deviations
   static constexpr int kTogether = 64, kFewest = 16 * kTogether;
   static constexpr double kSmallest = 1e-12;
 

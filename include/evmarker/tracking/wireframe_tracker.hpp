@@ -65,8 +65,10 @@ class WireframeTracker {
   const PoseEstimate* push(const E& foreign_event) noexcept {
     const Event event = to_event(foreign_event);
     if (!count_and_filter(event)) return nullptr;
-    if (searching_again_ && !has_pose_) [[unlikely]]
+    if (searching_again_ && !has_pose_) [[unlikely]] {
+      if (elapsed_us(last_pose_.t, event.t) < kFlash_us) return nullptr;
       search_anew_if_moved(event.t);
+    }
     const PoseEstimate* const pose = tracker_.push(event);
     if (pose == nullptr) return nullptr;
     has_pose_ = true;
@@ -109,6 +111,8 @@ class WireframeTracker {
   const TrackerStatistics& statistics() const noexcept { return statistics_; }
 
  private:
+  // What covers a body all at once shows its edges a last time: for so long after a loss, nothing is found.
+  static constexpr std::uint64_t kFlash_us = 1000;
   static constexpr std::uint64_t kPredictAgain_us = 5000;  // between two predictions of the place of a lost body
   static constexpr double kNearest_m = 1e-6;               // least depth of a vertex
   static constexpr double kWider = 1.5;  // a search begins again if it must reach farther by this factor

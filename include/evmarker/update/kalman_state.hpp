@@ -32,6 +32,16 @@ struct KalmanState {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
+  /// Goes over to another pose, whose motions are J times those of this one.
+  void transform(const Matrix6d& J) noexcept {
+    twist = Vec6(Vector6d(J * Vector6d(twist)));
+    Matrix12d of_state = Matrix12d::Zero();
+    of_state.topLeftCorner<6, 6>() = of_state.bottomRightCorner<6, 6>() = J;
+    P.xx = (of_state * P.xx * of_state.transpose()).eval();
+    P.symmetrize();
+    for (Vector12d& column : P.xb) column = (of_state * column).eval();
+  }
+
   /// Variances of the velocity, summed over the axes: of translation [m^2/s^2] and rotation [rad^2/s^2].
   double translation_variance() const noexcept { return P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8); }
   double rotation_variance() const noexcept { return P.xx(9, 9) + P.xx(10, 10) + P.xx(11, 11); }

@@ -192,6 +192,18 @@ class KalmanUpdate {
     move_to(T_camera_marker, t);
   }
 
+  /// Goes over to another pose, whose motions are J times those of the present one. Forgets the events since the last
+  /// update.
+  void transform(const Matrix6d& J) noexcept {
+    forget_events();
+    state_.transform(J);
+    update_motion_of_model();
+  }
+
+  /// Says that another pose may be the right one, until the next call; it is part of the covariance.
+  /// @param deviation perturbation to the other pose, times the square root of its probability; zero if there is none
+  void set_other_pose(const Vec6& deviation) noexcept { to_other_pose_ = deviation; }
+
   void reverse() noexcept {
     forget_events();
     lead_s_ = -lead_s_;  // in mirrored time, the mean time of the last events is after the pose
@@ -216,6 +228,7 @@ class KalmanUpdate {
         element = settings_.covariance_scale * element + edge_factor_ * edge_covariance.data()[6 * k + i] +
                   twist[k] * delayed[i];
       }
+    if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
     return P;
@@ -406,6 +419,13 @@ class KalmanUpdate {
     state_.add_motion(P, possible_motion(dt, q), q);
   }
 
+  // The second moment about this pose of two that may be right.
+  void add_other_pose(Matrix6d& P) const noexcept {
+    const std::array<double, 6> deviation = to_other_pose_.array();
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t i = 0; i < 6; ++i) P.data()[6 * k + i] += deviation[k] * deviation[i];
+  }
+
   // Predicts the state from its own time, lead_s_ before the pose, to `after_pose_s` after the pose. Returns the motion
   // from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
@@ -444,6 +464,7 @@ class KalmanUpdate {
   unsigned sampled_ = 0;        // events added one by one
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
   unsigned steps_ = 0;          // of the pose
+  Vec6 to_other_pose_;          // see set_other_pose
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);

@@ -65,6 +65,16 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
   { rule.advance_by_event_count(T_camera_marker, t) } noexcept;
 };
 
+/// A rule that can go over to the other pose at which a flat wireframe looks alike.
+template <typename R>
+concept MirrorableRule = MotionEstimatingRule<R> && requires(R& rule, const Matrix6d& J, const Vec6& deviation) {
+  /// Goes over to another pose, whose motions are J times those of the present one.
+  { rule.transform(J) } noexcept;
+  /// Says that another pose may be right: `deviation` is the perturbation to it, times the square root of its
+  /// probability. Its covariance says so, too.
+  { rule.set_other_pose(deviation) } noexcept;
+};
+
 // clang-format on
 
 /// It is not known whether there were events after the marker's last one.
