@@ -113,7 +113,7 @@ MarkerDetection detection(MarkerId id, const Isometry3d& T_camera_marker) {
 }
 
 // The other pose in which a square looks nearly the same: its tilt mirrored about the line of sight.
-Isometry3d mirrored(Isometry3d T) {
+Isometry3d other_tilt(Isometry3d T) {
   const Vector3d sight = T.translation().normalized(), normal = T.linear().col(2);
   const Vector3d other = 2 * normal.dot(sight) * sight - normal;
   T.linear() = Eigen::Quaterniond::FromTwoVectors(normal, other).toRotationMatrix() * T.linear();
@@ -258,7 +258,7 @@ TEST_CASE("detections of a board's markers become one of the board, others pass"
   CHECK(scaled[0].T_camera_marker.isApprox(truth, 1e-12));
 
   // One marker alone leaves its two poses; with a second the mirrored ones do not fit, though both are reported first.
-  MarkerDetection first = detection(1, mirrored(at(0))), second = detection(4, mirrored(at(3)));
+  MarkerDetection first = detection(1, other_tilt(at(0))), second = detection(4, other_tilt(at(3)));
   first.T_camera_marker_alternative = at(0);
   second.T_camera_marker_alternative = at(3);
   REQUIRE(angle_deg(first.T_camera_marker, at(0)) > 30);
