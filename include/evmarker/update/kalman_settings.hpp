@@ -20,8 +20,8 @@ struct KalmanSettings {
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
   /// Time constants with which the velocity fades: where too few events confirm it, and where enough of them do, see
-  /// VelocityMemory. It fades twice as fast while noise has a share in the events.
-  double velocity_memory_s = 0.1, confirmed_velocity_memory_s = 1;
+  /// VelocityMemory. It fades somewhat faster while noise has a share in the events.
+  double velocity_memory_s = 0.07, confirmed_velocity_memory_s = 1;
   double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]
   /// Known delay of the camera's events [s], beside the response time that they show, see ResponseTime. Reported poses
   /// are moved forward by both, to be those at their time `t`.
