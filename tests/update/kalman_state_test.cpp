@@ -32,6 +32,25 @@ TEST_CASE("kalman state: a scaled velocity scales its covariance") {
   CHECK(Vector6d(after.twist) == 0.5 * Vector6d(before.twist));
 }
 
+TEST_CASE("kalman state: another pose, whose motions are a linear map of those of this one") {
+  const KalmanState before = state();
+  KalmanState after = before;
+  Matrix6d J = Matrix6d::Identity();
+  J.bottomRightCorner<3, 3>() << 0, -1, 0, -1, 0, 0, 0, 0, -1;
+  J(0, 4) = 0.2;
+  after.transform(J);
+  CHECK((Vector6d(after.twist) - J * Vector6d(before.twist)).norm() < 1e-12);
+  const auto block = [](const KalmanState& s, int i, int k) { return Matrix6d(s.P.xx.block<6, 6>(6 * i, 6 * k)); };
+  for (int i = 0; i < 2; ++i)
+    for (int k = 0; k < 2; ++k)
+      CHECK((block(after, i, k) - J * block(before, i, k) * J.transpose()).cwiseAbs().maxCoeff() < 1e-12);
+  for (std::size_t b = 0; b < kBiases; ++b) {
+    CHECK((after.P.xb[b].head<6>() - J * before.P.xb[b].head<6>()).norm() < 1e-12);
+    CHECK((after.P.xb[b].tail<6>() - J * before.P.xb[b].tail<6>()).norm() < 1e-12);
+  }
+  CHECK(after.P.xx == after.P.xx.transpose());
+}
+
 TEST_CASE("kalman state: variances of the velocity are traces of its blocks") {
   const KalmanState s = state();
   CHECK(s.translation_variance() == doctest::Approx(s.P.xx.block<3, 3>(6, 6).trace()));
