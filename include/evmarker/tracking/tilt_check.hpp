@@ -85,7 +85,7 @@ class TiltCheck {
   // Standard deviation of the tilt, of both axes together [rad].
   static double tilt_deviation(const EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
     if constexpr (MirrorableRule<Rule>) {
-      const Matrix6d P = follower.rule().covariance();
+      const Matrix6d P = follower.rule().covariance_by_events();
       const Eigen::Vector3d sight = seen.to_camera;
       const Eigen::Matrix3d of_rotation = P.template bottomRightCorner<3, 3>();
       return std::sqrt(std::max(0.0, of_rotation.trace() - sight.dot(of_rotation * sight)));

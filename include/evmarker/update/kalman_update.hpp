@@ -214,12 +214,18 @@ class KalmanUpdate {
 
   /// Covariance of the pose, see PoseEstimate.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
+    Matrix6d P = covariance_by_events(delay_variance_s2());
+    if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
+    return P;
+  }
+  /// The same for a pose that is not late, and surely not another one.
+  /// @param delay_s2 variance of the delay by which it is late
+  [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0) const noexcept {
     Matrix6d P;
     for (int k = 0; k < 6; ++k)
       for (int i = 0; i < 6; ++i) P(i, k) = state_.P.xx(i, k);
     if (lead_s_ != 0) add_motion(P, lead_s_);
     // An unknown delay of variance delay_s2 shifts the pose along its twist.
-    const double delay_s2 = delay_variance_s2();
     const std::array<double, 6> twist = state_.twist.array(), delayed = (delay_s2 * state_.twist).array();
     const Matrix6d& edge_covariance = edges_.covariance();
     for (std::size_t k = 0; k < 6; ++k)
@@ -228,7 +234,6 @@ class KalmanUpdate {
         element = settings_.covariance_scale * element + edge_factor_ * edge_covariance.data()[6 * k + i] +
                   twist[k] * delayed[i];
       }
-    if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
     return P;

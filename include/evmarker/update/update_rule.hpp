@@ -67,7 +67,10 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
 
 /// A rule that can go over to the other pose at which a flat wireframe looks alike.
 template <typename R>
-concept MirrorableRule = MotionEstimatingRule<R> && requires(R& rule, const Matrix6d& J, const Vec6& deviation) {
+concept MirrorableRule = MotionEstimatingRule<R> &&
+    requires(R& rule, const R& constant, const Matrix6d& J, const Vec6& deviation) {
+  /// Covariance of the pose without what an unknown delay or another pose adds.
+  { constant.covariance_by_events() } -> std::same_as<Matrix6d>;
   /// Goes over to another pose, whose motions are J times those of the present one.
   { rule.transform(J) } noexcept;
   /// Says that another pose may be right: `deviation` is the perturbation to it, times the square root of its
