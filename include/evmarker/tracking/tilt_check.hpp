@@ -79,8 +79,8 @@ class TiltCheck {
   static constexpr int kJudgedAtOnce = 256;        // events
   static constexpr double kAlike_rad = 0.05;       // the side of a smaller tilt does not matter
   static constexpr double kMostUnsure_rad = 0.35;  // the side of a larger tilt is never lost
-  static constexpr double kWild_rad = 0.35;
-  static constexpr double kSigmas = 3;  // of the tilt
+  static constexpr double kWild_rad = 0.35;        // between both poses: 20 deg
+  static constexpr double kSigmas = 3;             // of the tilt
 
   // Standard deviation of the tilt, of both axes together [rad].
   static double tilt_deviation(const EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {

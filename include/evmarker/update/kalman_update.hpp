@@ -377,10 +377,11 @@ class KalmanUpdate {
 
   void choose_velocity_memory(int events, double dt) noexcept {
     velocity_memory_.add(events, bound_.events_per_px(), dt, statistics_.share());
-    // Noise would confirm the small velocity that it makes itself: it must not last.
-    constexpr double kInNoise = 0.7;
-    velocity_memory_s_ = (signal_weight_ < 1 ? kInNoise : 1) * settings_.velocity_memory_s;
-    if (signal_weight_ < 1) return;
+    if (signal_weight_ < 1) {  // noise would confirm the small velocity that it makes itself: it must not last
+      constexpr double kInNoise = 0.7;
+      velocity_memory_s_ = kInNoise * settings_.velocity_memory_s;
+      return;
+    }
     const double lever2 = statistics_.lever2();
     velocity_memory_s_ =
         velocity_memory_.time_constant(settings_.velocity_memory_s, settings_.confirmed_velocity_memory_s,
