@@ -18,23 +18,30 @@ TEST_CASE("time that passes makes the textbook's covariance, in vectors of any w
   std::normal_distribution<double> normal;
   for (const double carried : {0.5, -0.25, 0.0}) {
     CAPTURE(carried);
-    const double kept = 0.75;
+    Vector6d kept, carried_by;  // along each axis
+    kept << 0.75, 0.5, 1, 0.25, 0.9, 0;
+    carried_by = carried * (Vector6d() << 1, 2, 3, 0.5, 0, -1).finished();
     const Matrix12d root = Matrix12d::NullaryExpr([&] { return normal(random); });
     ErrorCovariance before;
     before.xx = root * root.transpose();
     for (Vector12d& column : before.xb) column = Vector12d::NullaryExpr([&] { return normal(random); });
     before.bb = {{{3, 0.5}, {0.5, 2}}};
-    const MotionStep motion{
-        .pose_by_velocity = carried, .velocity_kept = kept, .q_pose = 1.5, .q_cross = -0.5, .q_velocity = 7};
+    MotionStep motion{
+        .q_pose = {1.5, 1, 2, 3, 0.5, 0}, .q_cross = {-0.5, 1, 0, 0.2, 2, 3}, .q_velocity = {7, 6, 5, 4, 3, 2}};
+    Vector6d::Map(motion.pose_by_velocity.data()) = carried_by;
+    Vector6d::Map(motion.velocity_kept.data()) = kept;
     const std::array<double, 6> q{1, 2, 3, 0.1, 0.2, 0.3};
     const Vector6d density = Eigen::Map<const Vector6d>(q.data());
 
     Matrix12d F = Matrix12d::Identity(), Q = Matrix12d::Zero();
-    F.topRightCorner<6, 6>().diagonal().setConstant(carried);
-    F.bottomRightCorner<6, 6>() *= kept;
-    Q.diagonal() << motion.q_pose * density, motion.q_velocity * density;
-    Q.topRightCorner<6, 6>().diagonal() = motion.q_cross * density;
-    Q.bottomLeftCorner<6, 6>().diagonal() = motion.q_cross * density;
+    F.topRightCorner<6, 6>().diagonal() = carried_by;
+    F.bottomRightCorner<6, 6>().diagonal() = kept;
+    const auto noise = [&](const std::array<double, 6>& of_unit) -> Vector6d {
+      return density.cwiseProduct(Eigen::Map<const Vector6d>(of_unit.data()));
+    };
+    Q.diagonal() << noise(motion.q_pose), noise(motion.q_velocity);
+    Q.topRightCorner<6, 6>().diagonal() = noise(motion.q_cross);
+    Q.bottomLeftCorner<6, 6>().diagonal() = noise(motion.q_cross);
     const Matrix12d expected = F * before.xx * F.transpose() + Q;
     REQUIRE((expected - before.xx).norm() > 1);
 

@@ -59,13 +59,13 @@ TEST_CASE("kalman state: variances of the velocity are traces of its blocks") {
 
 TEST_CASE("kalman state: the pose's covariance after a step is that of a prediction") {
   const std::array<double, 6> q{1, 2, 3, 4, 5, 6};
-  const MotionStep motion = motion_step(0.1, 0.3);
+  const MotionStep motion = motion_step(0.1, {1, 3, 5, 2, 4, 6});
   KalmanState predicted = state();
   Matrix6d pose = predicted.P.xx.topLeftCorner<6, 6>();
   predicted.add_motion(pose, motion, q);
   predicted.predict(motion, q);
   CHECK((pose - predicted.P.xx.topLeftCorner<6, 6>()).cwiseAbs().maxCoeff() < 1e-14);
-  CHECK((Vector6d(predicted.twist) - motion.velocity_kept * Vector6d(state().twist)).norm() < 1e-14);
+  CHECK((Vector6d(predicted.twist) - Vector6d(scaled(motion.velocity_kept, state().twist))).norm() < 1e-14);
 }
 
 TEST_CASE("kalman state: biases drift, but are never less known than at first") {

@@ -76,17 +76,18 @@ TEST_CASE("motion bound: steps of single events may not move farther than their 
 
 TEST_CASE("motion bound: limits process noise to the bound, and to ten turns") {
   MotionBound bound;
-  const MotionStep step{.q_pose = 4, .q_cross = 2, .q_velocity = 1};
-  CHECK(bound.limited(step, 1, kInfinity).q_pose == 4);
+  const MotionStep step{.q_pose = {4, 8}, .q_cross = {2, 4}, .q_velocity = {1, 2}};
+  CHECK(bound.limited(step, 1, kInfinity).q_pose == step.q_pose);
   bound.set(1, 1);
   bound.measure(0, 1, 0, 1, 24);  // 1 m
   const MotionStep limited = bound.limited(step, 2, kInfinity);
-  CHECK(2 * limited.q_pose == doctest::Approx(1));
-  CHECK(2 * limited.q_cross * limited.q_cross ==
-        doctest::Approx(1));  // as correlated as before, where q_velocity stays
-  CHECK(limited.q_velocity == 1);
-  CHECK(bound.limited(step, 0.2, kInfinity).q_pose == 4);
+  CHECK(2 * limited.q_pose[0] == doctest::Approx(1));
+  CHECK(2 * limited.q_pose[1] == doctest::Approx(2));  // along each axis by the same factor
+  for (const std::size_t k : {0U, 1U})                 // as correlated as before, where q_velocity stays
+    CHECK(limited.q_cross[k] * limited.q_cross[k] == doctest::Approx(limited.q_pose[k] * limited.q_velocity[k]));
+  CHECK(limited.q_velocity == step.q_velocity);
+  CHECK(bound.limited(step, 0.2, kInfinity).q_pose == step.q_pose);
   bound.lift();
   constexpr double kTurns_rad = 62.83185307179586, kLever2 = 1e-4;
-  CHECK(bound.limited(step, 2, kLever2).q_pose == doctest::Approx(kTurns_rad * kTurns_rad * kLever2 / 2));
+  CHECK(bound.limited(step, 2, kLever2).q_pose[0] == doctest::Approx(kTurns_rad * kTurns_rad * kLever2 / 2));
 }

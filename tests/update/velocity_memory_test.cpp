@@ -8,7 +8,8 @@ using namespace evmarker;
 
 namespace {
 
-constexpr double kEventsPerPx = 300, kSpeed_px_s = 200, kShortest_s = 0.05, kLongest_s = 1;
+constexpr double kEventsPerPx = 300, kSpeed_px_s = 200, kFastest = 20, kSlowest = 1;
+constexpr Vec6 kVelocity{{0.5, -0.2, 0.1}, {2, 1, -3}};
 
 /// After 100 updates of `events` each, 1 ms apart: 60 are to be expected.
 VelocityMemory fed(int events, double events_per_px = kEventsPerPx) {
@@ -20,47 +21,103 @@ VelocityMemory fed(int events, double events_per_px = kEventsPerPx) {
   return memory;
 }
 
-double time_constant(const VelocityMemory& memory, double velocity2 = 1, double variance = 0) {
-  return memory.time_constant(kShortest_s, kLongest_s, velocity2, variance);
+std::array<double, 6> all_fading(const VelocityMemory& memory, double signal = 1) {
+  return memory.fading(kFastest, kSlowest, 1, 0, signal);
+}
+
+/// Of all axes, which must be alike.
+double fading(const VelocityMemory& memory, double velocity2 = 1, double variance = 0, double signal = 1) {
+  const std::array<double, 6> rates = memory.fading(kFastest, kSlowest, velocity2, variance, signal);
+  for (const double rate : rates) CHECK(rate == doctest::Approx(rates[0]));
+  return rates[0];
+}
+
+/// Steps of 1 ms in which a thousandth of the velocity fades, and `correct(i)` times that is put back along each axis.
+template <typename Correct>
+void add_steps(VelocityMemory& memory, int steps, const Correct& correct) {
+  for (int i = 0; i < steps; ++i) {
+    std::array<double, 6> put_back = correct(i);
+    for (double& part : put_back) part *= 0.001;
+    memory.add_step(kVelocity, 0.999 * kVelocity, scaled(put_back, kVelocity), 1e-3);
+  }
 }
 
 }  // namespace
 
 TEST_CASE("a velocity is kept as long as there are the events that it lets expect") {
-  CHECK(time_constant(fed(60)) == doctest::Approx(kLongest_s));
-  CHECK(time_constant(fed(90)) == doctest::Approx(kLongest_s));
-  CHECK(time_constant(fed(20)) == kShortest_s);
-  CHECK(time_constant(fed(0)) == kShortest_s);
-  const double partly = time_constant(fed(33));  // 0.55 of those expected: halfway between too few and enough
-  CHECK(1 / partly == doctest::Approx((1 / kShortest_s + 1 / kLongest_s) / 2).epsilon(0.01).scale(0));
+  CHECK(fading(fed(60)) == doctest::Approx(kSlowest));
+  CHECK(fading(fed(90)) == doctest::Approx(kSlowest));
+  CHECK(fading(fed(20)) == kFastest);
+  CHECK(fading(fed(0)) == kFastest);
+  // 0.55 of those expected: halfway between too few and enough
+  CHECK(fading(fed(33)) == doctest::Approx((kFastest + kSlowest) / 2).epsilon(0.01).scale(0));
 }
 
 TEST_CASE("nothing confirms a velocity before it is known how many events to expect") {
-  CHECK(time_constant(VelocityMemory()) == kShortest_s);
-  CHECK(time_constant(fed(60, 0)) == kShortest_s);
+  CHECK(fading(VelocityMemory()) == kFastest);
+  CHECK(fading(fed(60, 0)) == kFastest);
 }
 
 TEST_CASE("a velocity below its standard deviation is hardly kept") {
   const VelocityMemory memory = fed(60);
-  CHECK(time_constant(memory, 1, 1) == doctest::Approx(1 / (0.5 / kShortest_s + 0.5 / kLongest_s)));
-  CHECK(time_constant(memory, 1, 100) < 1.02 * kShortest_s);
-  CHECK(time_constant(memory, 0, 0) == kShortest_s);
+  CHECK(fading(memory, 1, 1) == doctest::Approx((kFastest + kSlowest) / 2));
+  CHECK(fading(memory, 1, 100) > 0.98 * kFastest);
+  CHECK(fading(memory, 0, 0) == kFastest);
+}
+
+TEST_CASE("noise confirms less of a velocity, as it makes its own") {
+  CHECK(fading(fed(60), 1, 0, 0.5) == doctest::Approx((kFastest + kSlowest) / 2));
+  CHECK(fading(fed(60), 1, 0, 0) == kFastest);
+}
+
+TEST_CASE("a velocity is kept along the axes where the measurements put back what fades") {
+  VelocityMemory memory;
+  add_steps(memory, 200, [](int i) {  // as they do: wholly, by half, in either direction, further away, not, too much
+    return std::array<double, 6>{1, 0.5, i % 2 == 0 ? 5.0 : -5.0, -1, 0, 3};
+  });
+  const std::array<double, 6> rates = all_fading(memory);
+  CHECK(rates[0] == doctest::Approx(kSlowest));
+  CHECK(rates[1] == doctest::Approx((kFastest + kSlowest) / 2));
+  CHECK(rates[2] > 0.9 * kFastest);
+  CHECK(rates[3] == kFastest);
+  CHECK(rates[4] == kFastest);
+  CHECK(rates[5] == kSlowest);
+}
+
+TEST_CASE("what was put back long ago does not count") {
+  VelocityMemory memory;
+  const auto all = [](double put_back) {
+    return std::array{put_back, put_back, put_back, put_back, put_back, put_back};
+  };
+  add_steps(memory, 500, [&](int) { return all(1); });
+  REQUIRE(fading(memory) == doctest::Approx(kSlowest));
+  add_steps(memory, 200, [&](int) { return all(0); });
+  CHECK(fading(memory) > 0.95 * kFastest);
 }
 
 TEST_CASE("after a pause in which the velocity would have made events, it is not confirmed") {
   VelocityMemory memory = fed(60);
   memory.add(10, kEventsPerPx, 0.1, 0.1);  // 6000 were to be expected
-  CHECK(time_constant(memory) == kShortest_s);
+  CHECK(fading(memory) == kFastest);
 }
 
-TEST_CASE("a speed that is not finite is forgotten") {
-  VelocityMemory memory = fed(60);
-  memory.add_speed(std::numeric_limits<double>::infinity());
-  memory.add(60, kEventsPerPx, 1e-3, 0.1);
-  CHECK(time_constant(memory) == kShortest_s);
-  for (int i = 0; i < 100; ++i) {
-    memory.add_speed(kSpeed_px_s);
+TEST_CASE("what is not finite is forgotten") {
+  SUBCASE("a speed") {
+    VelocityMemory memory = fed(60);
+    memory.add_speed(std::numeric_limits<double>::infinity());
     memory.add(60, kEventsPerPx, 1e-3, 0.1);
+    CHECK(fading(memory) == kFastest);
+    for (int i = 0; i < 100; ++i) {
+      memory.add_speed(kSpeed_px_s);
+      memory.add(60, kEventsPerPx, 1e-3, 0.1);
+    }
+    CHECK(fading(memory) == doctest::Approx(kSlowest));
   }
-  CHECK(time_constant(memory) == doctest::Approx(kLongest_s));
+  SUBCASE("a correction") {
+    VelocityMemory memory;
+    memory.add_step({{1, 1, 1}, {1, 1, std::numeric_limits<double>::infinity()}}, {}, kVelocity, 1e-3);
+    CHECK(fading(memory) == kFastest);
+    memory.add_step(kVelocity, {}, kVelocity, 1e-3);
+    CHECK(fading(memory) == doctest::Approx(kSlowest));
+  }
 }

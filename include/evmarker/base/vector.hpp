@@ -71,7 +71,12 @@ struct Vec6 {
 };
 
 constexpr Vec6 operator+(const Vec6& a, const Vec6& b) noexcept { return {a.t + b.t, a.r + b.r}; }
+constexpr Vec6 operator-(const Vec6& a, const Vec6& b) noexcept { return {a.t - b.t, a.r - b.r}; }
 constexpr Vec6 operator*(double s, const Vec6& a) noexcept { return {s * a.t, s * a.r}; }
+/// Element by element.
+constexpr Vec6 scaled(const std::array<double, 6>& s, const Vec6& a) noexcept {
+  return {{s[0] * a.t.x, s[1] * a.t.y, s[2] * a.t.z}, {s[3] * a.r.x, s[4] * a.r.y, s[5] * a.r.z}};
+}
 constexpr double squared_norm(const Vec6& a) noexcept { return squared_norm(a.t) + squared_norm(a.r); }
 
 inline bool is_finite(Vec2 a) noexcept { return std::isfinite(a.x) && std::isfinite(a.y); }

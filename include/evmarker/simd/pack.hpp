@@ -72,6 +72,10 @@ class Pack {
   [[gnu::always_inline]] void scale(double factor) noexcept {
     for (Part& part : parts_) part *= factor;
   }
+  /// Multiplies by another pack, element by element.
+  [[gnu::always_inline]] void scale(const Pack& factors) noexcept {
+    for (std::size_t i = 0; i < kParts; ++i) parts_[i] *= factors.parts_[i];
+  }
   /// Adds a multiple of another pack.
   [[gnu::always_inline]] void add(double times, const Pack& other) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += times * other.parts_[i];
@@ -102,10 +106,6 @@ class Pack {
       half.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);
     }
     return half;
-  }
-  [[gnu::always_inline]] void scale_second_half(double factor) noexcept {
-    for (std::size_t i = (kParts + 1) / 2; i < kParts; ++i) parts_[i] *= factor;
-    if constexpr (kParts % 2 != 0) parts_[kParts / 2] *= Part{1, 1, factor, factor};
   }
 
  private:

@@ -1,6 +1,7 @@
 #pragma once
 // The error state of the Kalman filter, its covariance, and the prediction.
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 
@@ -33,24 +34,28 @@ struct ErrorCovariance {
   template <std::size_t kBits>
   [[gnu::always_inline]] void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     using Column = simd::Pack<12, kBits>;
-    const double carried = motion.pose_by_velocity, kept = motion.velocity_kept;
+    std::array<double, 12> diagonal, above{};  // of F
+    diagonal.fill(1);
+    std::ranges::copy(motion.velocity_kept, diagonal.begin() + 6);
+    std::ranges::copy(motion.pose_by_velocity, above.begin());
+    const Column kept(diagonal.data()), carried(above.data());
     const auto F_times = [&](const double* numbers) __attribute__((always_inline)) {
       Column column(numbers);
       const Column velocity = column.second_half();
-      column.scale_second_half(kept);
-      column.add(carried, velocity);
+      column.scale(kept);
+      column.add_product(carried, velocity);
       return column;
     };
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < 6; ++k) {
       const auto i = static_cast<Eigen::Index>(k);
       Column pose = F_times(&xx(0, i)), velocity = F_times(&xx(0, 6 + i));  // of F P; now times F^T
-      pose.add(carried, velocity);
-      velocity.scale(kept);
-      pose.add_at(k, motion.q_pose * q[k]);
-      pose.add_at(6 + k, motion.q_cross * q[k]);
-      velocity.add_at(k, motion.q_cross * q[k]);
-      velocity.add_at(6 + k, motion.q_velocity * q[k]);
+      pose.add(motion.pose_by_velocity[k], velocity);
+      velocity.scale(motion.velocity_kept[k]);
+      pose.add_at(k, motion.q_pose[k] * q[k]);
+      pose.add_at(6 + k, motion.q_cross[k] * q[k]);
+      velocity.add_at(k, motion.q_cross[k] * q[k]);
+      velocity.add_at(6 + k, motion.q_velocity[k] * q[k]);
       pose.store(&xx(0, i));
       velocity.store(&xx(0, 6 + i));
     }

@@ -19,7 +19,7 @@ struct KalmanSettings {
   /// Share of that noise with which rotation moves the edges: a hand rotates a marker less than it carries it. The
   /// noise that comes with the speed of the rotation itself is added.
   double rotation_share = 0.5;
-  /// Time constants with which the velocity fades: where too few events confirm it, and where enough of them do, see
+  /// Time constants with which the velocity fades along an axis: where nothing confirms it, and where all does, see
   /// VelocityMemory. It fades somewhat faster while noise has a share in the events.
   double velocity_memory_s = 0.07, confirmed_velocity_memory_s = 1;
   double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]

@@ -46,11 +46,11 @@ struct KalmanState {
   double translation_variance() const noexcept { return P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8); }
   double rotation_variance() const noexcept { return P.xx(9, 9) + P.xx(10, 10) + P.xx(11, 11); }
 
-  /// Predicts twist and covariance over a step; the pose moves by motion.pose_by_velocity times the twist before.
+  /// Predicts twist and covariance over a step; the pose moves by motion.moved(twist) with the twist before.
   /// @param q density of the white acceleration along each axis
   void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P.predict<bits>(motion, q); });
-    twist = motion.velocity_kept * twist;
+    twist = scaled(motion.velocity_kept, twist);
   }
 
   /// Adds a random walk to the biases; they are never less known than at first.
@@ -61,11 +61,13 @@ struct KalmanState {
 
   /// Covariance of the pose after a step from the state's own time: the pose's block of F P F^T + Q.
   void add_motion(Matrix6d& pose, const MotionStep& motion, const std::array<double, 6>& q) const noexcept {
+    const Eigen::Map<const Vector6d> carried(motion.pose_by_velocity.data());
     for (int k = 0; k < 6; ++k) {
       for (int i = 0; i < 6; ++i)
         pose(i, k) +=
-            motion.pose_by_velocity * (P.xx(6 + i, k) + P.xx(i, 6 + k) + motion.pose_by_velocity * P.xx(6 + i, 6 + k));
-      pose(k, k) += motion.q_pose * q[static_cast<std::size_t>(k)];
+            carried(i) * P.xx(6 + i, k) + carried(k) * P.xx(i, 6 + k) + carried(i) * carried(k) * P.xx(6 + i, 6 + k);
+      const auto axis = static_cast<std::size_t>(k);
+      pose(k, k) += motion.q_pose[axis] * q[axis];
     }
   }
 };

@@ -42,6 +42,7 @@ class KalmanUpdate {
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
     model_.bias_px[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
+    fading_.fill(1 / settings.velocity_memory_s);
   }
 
   void set_events_per_update(int events) noexcept { statistics_.set_events_per_update(events); }
@@ -109,7 +110,7 @@ class KalmanUpdate {
     limit_motion(count, dt);
     // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
     // yet, but is the prior mean of the error state.
-    const Vec6 predicted_motion = predict_state(mean_dt);
+    const Vec6 twist_before = state_.twist, predicted_motion = predict_state(mean_dt), predicted_twist = state_.twist;
     ErrorState error;
     set_pose(error, predicted_motion);
 
@@ -119,12 +120,15 @@ class KalmanUpdate {
     forget_events();
 
     Vec6 step = pose(error);
-    const Vec6 twist = state_.twist + velocity(error);
-    if (count > 0) noise_.add(velocity(error), dt, px_per_s());
+    const Vec6 twist = predicted_twist + velocity(error);
+    if (count > 0) {
+      noise_.add(velocity(error), dt, px_per_s());
+      velocity_memory_.add_step(twist_before, predicted_twist, velocity(error), dt);
+    }
     const double edge_speed = norm(twist.t) + std::sqrt(statistics_.lever2()) * norm(twist.r);
     // From the state's time, the mean of the events', to t; but no farther than the motion is bounded to.
     const double lead_s = std::min(dt - mean_dt, bound_.most_m() / edge_speed);
-    if (lead_s != 0) step = step + motion(lead_s).pose_by_velocity * twist;
+    if (lead_s != 0) step = step + motion_step(lead_s, fading_).moved(twist);
     const Vec2 biases{error.b[kOffset], error.b[kTrail]};
     if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
@@ -373,20 +377,14 @@ class KalmanUpdate {
     return {squared(settings_.initial_sigma_offset_px), squared(settings_.initial_sigma_trail_px)};
   }
 
-  MotionStep motion(double dt) const noexcept { return dt != 0 ? motion_step(dt, velocity_memory_s_) : MotionStep(); }
-
   void choose_velocity_memory(int events, double dt) noexcept {
+    constexpr double kFasterInNoise = 1.4;
     velocity_memory_.add(events, bound_.events_per_px(), dt, statistics_.share());
-    if (signal_weight_ < 1) {  // noise would confirm the small velocity that it makes itself: it must not last
-      constexpr double kInNoise = 0.7;
-      velocity_memory_s_ = kInNoise * settings_.velocity_memory_s;
-      return;
-    }
     const double lever2 = statistics_.lever2();
-    velocity_memory_s_ =
-        velocity_memory_.time_constant(settings_.velocity_memory_s, settings_.confirmed_velocity_memory_s,
-                                       squared_norm(state_.twist.t) + lever2 * squared_norm(state_.twist.r),
-                                       state_.translation_variance() + lever2 * state_.rotation_variance());
+    fading_ = velocity_memory_.fading(
+        std::lerp(kFasterInNoise, 1.0, signal_weight_) / settings_.velocity_memory_s,
+        1 / settings_.confirmed_velocity_memory_s, squared_norm(state_.twist.t) + lever2 * squared_norm(state_.twist.r),
+        state_.translation_variance() + lever2 * state_.rotation_variance(), signal_weight_);
   }
 
   EdgeSpeed edge_speed() const noexcept { return EdgeSpeed::of(state_.twist, statistics_.lever2()); }
@@ -401,7 +399,7 @@ class KalmanUpdate {
     if (!(bound_.is_set() && statistics_.known())) return;
     const double lever2 = statistics_.lever2();
     bound_.measure(events, dt, noise_per_s_, statistics_.share(), std::sqrt(statistics_.gradient2()));
-    const double by_velocity = motion(dt).pose_by_velocity;
+    const double by_velocity = carried(dt, *std::ranges::min_element(fading_));
     // Edges move in the image by no more than they do in space, which is faster to compute.
     const double sigma = std::sqrt(state_.translation_variance() + lever2 * state_.rotation_variance());
     if (by_velocity * std::max(edge_speed().all, sigma) <= bound_.most_m() || !gradients_.known()) return;
@@ -418,7 +416,7 @@ class KalmanUpdate {
   MotionStep possible_motion(double dt, const std::array<double, 6>& q) const noexcept {
     const double lever2 =
         statistics_.known() ? std::max(statistics_.lever2(), ProcessNoise::kSmallestLever2) : kInfinity;
-    return bound_.limited(motion(dt), q[0], lever2);
+    return bound_.limited(motion_step(dt, fading_), q[0], lever2);
   }
 
   // Adds to a covariance of the pose what a prediction by dt adds to it.
@@ -437,14 +435,15 @@ class KalmanUpdate {
   // Predicts the state from its own time, lead_s_ before the pose, to `after_pose_s` after the pose. Returns the motion
   // from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s, moved_already = motion(lead_s_).pose_by_velocity;
+    const double dt = lead_s_ + after_pose_s;
+    const Vec6 moved_already = lead_s_ != 0 ? motion_step(lead_s_, fading_).moved(state_.twist) : Vec6();
     lead_s_ = 0;
     // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
     // goes back to it.
-    if (dt == 0) return -moved_already * state_.twist;
+    if (dt == 0) return -1 * moved_already;
     const std::array<double, 6> q = acceleration();
     const MotionStep motion = possible_motion(dt, q);
-    const Vec6 moved = (motion.pose_by_velocity - moved_already) * state_.twist;
+    const Vec6 moved = motion.moved(state_.twist) - moved_already;
     state_.predict(motion, q);
     state_.let_biases_drift(squared(settings_.offset_drift_px) * std::abs(dt), initial_bias_variances());
     return moved;
@@ -462,7 +461,7 @@ class KalmanUpdate {
   MotionBound bound_;
   ProcessNoise noise_;
   VelocityMemory velocity_memory_;
-  double velocity_memory_s_ = settings_.velocity_memory_s;  // now
+  std::array<double, 6> fading_;  // of the velocity, along each axis [1/s]
   EdgeScatter edges_;
   EdgeGradients gradients_;
   ResponseTime response_time_;

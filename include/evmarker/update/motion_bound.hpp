@@ -59,15 +59,17 @@ class MotionBound {
 
   /// The process noise of a step, limited to the bound and to ten turns of the marker, when nothing is known any more:
   /// with the variances of a pause of years, rounding would make the covariance indefinite.
-  /// @param acceleration density of the white acceleration of the translation [m^2/s^3]
+  /// @param acceleration density of the white acceleration of the translation [m^2/s^3]; what it does along the
+  /// first axis is compared with the bound, and all axes are limited alike
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]; infinite if not known
   MotionStep limited(MotionStep motion, double acceleration, double lever2) const noexcept {
     constexpr double kTenTurns = 20 * std::numbers::pi;
     const double most2 = std::min(most_m_ * most_m_, kTenTurns * kTenTurns * lever2);
-    const double pose = acceleration * motion.q_pose;
+    const double pose = acceleration * motion.q_pose[0];
     if (!(pose > most2)) return motion;
-    motion.q_pose *= most2 / pose;
-    motion.q_cross *= std::sqrt(most2 / pose);
+    const double pose_factor = most2 / pose, cross_factor = std::sqrt(pose_factor);
+    for (double& q : motion.q_pose) q *= pose_factor;
+    for (double& q : motion.q_cross) q *= cross_factor;
     return motion;
   }
 

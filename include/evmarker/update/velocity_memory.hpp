@@ -1,14 +1,20 @@
 #pragma once
 // How long a filter keeps its velocity: long while the events confirm the motion that it predicts.
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
+
+#include "evmarker/base/vector.hpp"
 
 namespace evmarker {
 
-/// Compares the number of events with the number that edges of the filter's velocity should make. As long as they
-/// agree, the motion goes on, and the velocity holds until events say otherwise; with too few events, the marker has
-/// stopped or the velocity was never right. To let a velocity fade that is right is to brake the marker in the model:
-/// the pose then lags behind in steady motion.
+/// Tells for each axis how fast the velocity fades. To let a velocity fade that is right is to brake the marker in the
+/// model: the pose then lags behind in steady motion, most where a motion hardly shows, as that toward the camera. To
+/// keep one that is wrong carries noise on, and carries a marker on that has stopped. Two things confirm a velocity:
+/// that there are as many events as edges of that speed should make, and, axis by axis, that the measurements put back
+/// what has faded. The corrections of a velocity that is right point in its own direction; those that noise makes, in
+/// either.
 class VelocityMemory {
  public:
   /// Adds the speed of an event's edge along its normal [px/s]. Not every event need be added, only a fair sample.
@@ -29,15 +35,37 @@ class VelocityMemory {
     if (!std::isfinite(expected_)) *this = {};
   }
 
-  /// Time constant with which the velocity fades [s].
-  /// @param shortest,longest for a velocity that nothing confirms, and for one that everything does
+  /// Adds what a step did to the velocity.
+  /// @param before,faded velocity before the step, and what had remained when the measurements corrected it [m/s,
+  /// rad/s]
+  /// @param correction by the measurements
+  /// @param dt since the last step [s]
+  void add_step(const Vec6& before, const Vec6& faded, const Vec6& correction, double dt) noexcept {
+    const std::array<double, 6> v = before.array(), lost = (before - faded).array(), gained = correction.array();
+    const double remembered = kMemory_s / (kMemory_s + dt);
+    for (std::size_t k = 0; k < 6; ++k) {
+      put_back_[k] = remembered * (put_back_[k] + v[k] * gained[k]);
+      faded_[k] = remembered * (faded_[k] + v[k] * lost[k]);
+    }
+    if (!std::isfinite(squared_norm(before) + squared_norm(correction))) put_back_ = faded_ = {};
+  }
+
+  /// Rates at which the velocity fades along each axis [1/s].
+  /// @param fastest,slowest for a velocity that nothing confirms, and for one that everything does
   /// @param velocity2,variance of the velocity, squared, and its variance, in equal units: below its own standard
   /// deviation, a velocity is not known
-  double time_constant(double shortest, double longest, double velocity2, double variance) const noexcept {
+  /// @param signal share of the events that are no noise, which confirms the small velocity that it makes itself
+  std::array<double, 6> fading(double fastest, double slowest, double velocity2, double variance,
+                               double signal) const noexcept {
     const double ratio = expected_ > 0 ? events_ / expected_ : 0;
-    const double confirmed = std::clamp((ratio - kTooFew) / (kEnough - kTooFew), 0.0, 1.0);
-    const double trust = confirmed * velocity2 / (velocity2 + variance);
-    return trust > 0 ? 1 / std::lerp(1 / shortest, 1 / longest, trust) : shortest;
+    const double as_many = std::clamp((ratio - kTooFew) / (kEnough - kTooFew), 0.0, 1.0);
+    const double known = as_many > 0 && velocity2 > 0 ? as_many * velocity2 / (velocity2 + variance) : 0;
+    std::array<double, 6> rates;
+    for (std::size_t k = 0; k < 6; ++k) {
+      const double put_back = faded_[k] > 0 ? std::min(put_back_[k] / faded_[k], 1.0) : 0;
+      rates[k] = std::lerp(fastest, slowest, signal * std::max(known, put_back));
+    }
+    return rates;
   }
 
  private:
@@ -45,10 +73,13 @@ class VelocityMemory {
   // Shares of the expected events. In steady motion there are 0.6 to 1.1 times as many as expected: fewer while edges
   // are hidden or move along themselves.
   static constexpr double kTooFew = 0.4, kEnough = 0.7;
+  // Over which what fades and what is put back are compared: a marker that stops is noticed within it.
+  static constexpr double kMemory_s = 0.05;
 
-  double speeds_px_s_ = 0, samples_ = 0;  // sum and number of the speeds since the last update
-  double px_per_s_ = 0;                   // running mean of the speeds
-  double events_ = 0, expected_ = 0;      // running means by update
+  double speeds_px_s_ = 0, samples_ = 0;        // sum and number of the speeds since the last update
+  double px_per_s_ = 0;                         // running mean of the speeds
+  double events_ = 0, expected_ = 0;            // running means by update
+  std::array<double, 6> put_back_{}, faded_{};  // fading sums, times the velocity, by axis
 };
 
 }  // namespace evmarker
