@@ -71,7 +71,7 @@ TEST_CASE("noise confirms less of a velocity, as it makes its own") {
 }
 
 TEST_CASE("a velocity is kept along the axes where the measurements put back what fades") {
-  VelocityMemory memory;
+  VelocityMemory memory = fed(20);
   add_steps(memory, 200, [](int i) {  // as they do: wholly, by half, in either direction, further away, not, too much
     return std::array<double, 6>{1, 0.5, i % 2 == 0 ? 5.0 : -5.0, -1, 0, 3};
   });
@@ -84,8 +84,20 @@ TEST_CASE("a velocity is kept along the axes where the measurements put back wha
   CHECK(rates[5] == kSlowest);
 }
 
+TEST_CASE("what was put back does not count after a pause") {
+  VelocityMemory memory = fed(20);
+  add_steps(memory, 200, [](int) { return std::array{1.0, 1.0, 1.0, 1.0, 1.0, 1.0}; });
+  CHECK(fading(memory) == doctest::Approx(kSlowest));
+  memory.add(20, kEventsPerPx, 3e-3, 0.1);  // others took 1 ms
+  CHECK(fading(memory) == doctest::Approx(kSlowest));
+  memory.add(20, kEventsPerPx, 0.5, 0.1);
+  CHECK(fading(memory) > 0.98 * kFastest);
+  memory.add(20, kEventsPerPx, 1e-3, 0.1);  // the pause is no measure of what is usual
+  CHECK(fading(memory) == doctest::Approx(kSlowest));
+}
+
 TEST_CASE("what was put back long ago does not count") {
-  VelocityMemory memory;
+  VelocityMemory memory = fed(20);
   const auto all = [](double put_back) {
     return std::array{put_back, put_back, put_back, put_back, put_back, put_back};
   };
@@ -114,7 +126,7 @@ TEST_CASE("what is not finite is forgotten") {
     CHECK(fading(memory) == doctest::Approx(kSlowest));
   }
   SUBCASE("a correction") {
-    VelocityMemory memory;
+    VelocityMemory memory = fed(20);
     memory.add_step({{1, 1, 1}, {1, 1, std::numeric_limits<double>::infinity()}}, {}, kVelocity, 1e-3);
     CHECK(fading(memory) == kFastest);
     memory.add_step(kVelocity, {}, kVelocity, 1e-3);

@@ -106,7 +106,8 @@ class KalmanUpdate {
     if (bound_.is_set()) moved_px_ += count / bound_.events_per_px();
     if (moved_px_ > kEvaluationSpreads * std::sqrt(statistics_.spread_px2())) evaluate_residuals();
     t_us_ = static_cast<double>(t);
-    choose_velocity_memory(count, dt);
+    velocity_memory_.add(count, bound_.events_per_px(), dt, statistics_.share());
+    choose_fading();
     limit_motion(count, dt);
     // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
     // yet, but is the prior mean of the error state.
@@ -287,6 +288,7 @@ class KalmanUpdate {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
+    choose_fading();
     perturb(T_camera_marker, predict_state(dt));
   }
 
@@ -377,9 +379,8 @@ class KalmanUpdate {
     return {squared(settings_.initial_sigma_offset_px), squared(settings_.initial_sigma_trail_px)};
   }
 
-  void choose_velocity_memory(int events, double dt) noexcept {
+  void choose_fading() noexcept {
     constexpr double kFasterInNoise = 1.4;
-    velocity_memory_.add(events, bound_.events_per_px(), dt, statistics_.share());
     const double lever2 = statistics_.lever2();
     fading_ = velocity_memory_.fading(
         std::lerp(kFasterInNoise, 1.0, signal_weight_) / settings_.velocity_memory_s,
@@ -390,7 +391,9 @@ class KalmanUpdate {
   EdgeSpeed edge_speed() const noexcept { return EdgeSpeed::of(state_.twist, statistics_.lever2()); }
   double px_per_s() const noexcept { return std::sqrt(statistics_.gradient2()) * edge_speed().all; }
   // Density of the white acceleration along each axis.
-  std::array<double, 6> acceleration() const noexcept { return noise_.density(edge_speed(), statistics_.lever2()); }
+  std::array<double, 6> acceleration(double dt) const noexcept {
+    return noise_.density(edge_speed(), statistics_.lever2(), dt);
+  }
 
   // Bounds the motion of the edges during dt by the number of events: where the velocity or its standard deviation
   // would move them farther, scales both down.
@@ -421,7 +424,7 @@ class KalmanUpdate {
 
   // Adds to a covariance of the pose what a prediction by dt adds to it.
   void add_motion(Matrix6d& P, double dt) const noexcept {
-    const std::array<double, 6> q = acceleration();
+    const std::array<double, 6> q = acceleration(dt);
     state_.add_motion(P, possible_motion(dt, q), q);
   }
 
@@ -441,7 +444,7 @@ class KalmanUpdate {
     // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
     // goes back to it.
     if (dt == 0) return -1 * moved_already;
-    const std::array<double, 6> q = acceleration();
+    const std::array<double, 6> q = acceleration(dt);
     const MotionStep motion = possible_motion(dt, q);
     const Vec6 moved = motion.moved(state_.twist) - moved_already;
     state_.predict(motion, q);

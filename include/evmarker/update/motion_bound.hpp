@@ -59,8 +59,8 @@ class MotionBound {
 
   /// The process noise of a step, limited to the bound and to ten turns of the marker, when nothing is known any more:
   /// with the variances of a pause of years, rounding would make the covariance indefinite.
-  /// @param acceleration density of the white acceleration of the translation [m^2/s^3]; what it does along the
-  /// first axis is compared with the bound, and all axes are limited alike
+  /// All axes are limited alike, by what the acceleration does along the first.
+  /// @param acceleration density of the white acceleration of the translation [m^2/s^3]
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]; infinite if not known
   MotionStep limited(MotionStep motion, double acceleration, double lever2) const noexcept {
     constexpr double kTenTurns = 20 * std::numbers::pi;

@@ -13,8 +13,8 @@ namespace evmarker {
 /// model: the pose then lags behind in steady motion, most where a motion hardly shows, as that toward the camera. To
 /// keep one that is wrong carries noise on, and carries a marker on that has stopped. Two things confirm a velocity:
 /// that there are as many events as edges of that speed should make, and, axis by axis, that the measurements put back
-/// what has faded. The corrections of a velocity that is right point in its own direction; those that noise makes, in
-/// either.
+/// what has faded, unless events come much more rarely than a moment ago. The corrections of a velocity that is right
+/// point in its own direction; those that noise makes, in either.
 class VelocityMemory {
  public:
   /// Adds the speed of an event's edge along its normal [px/s]. Not every event need be added, only a fair sample.
@@ -32,12 +32,14 @@ class VelocityMemory {
     speeds_px_s_ = samples_ = 0;
     events_ += share * (events - events_);
     expected_ += share * (events_per_px * px_per_s_ * dt - expected_);
-    if (!std::isfinite(expected_)) *this = {};
+    const double pause_s = kPause * usual_s_;
+    goes_on_ = dt > pause_s ? pause_s / dt : 1;
+    usual_s_ += share * ((pause_s > 0 ? std::min(dt, pause_s) : dt) - usual_s_);
+    if (!std::isfinite(expected_ + usual_s_)) *this = {};
   }
 
   /// Adds what a step did to the velocity.
-  /// @param before,faded velocity before the step, and what had remained when the measurements corrected it [m/s,
-  /// rad/s]
+  /// @param before,faded velocity before the step and when the measurements corrected it [m/s, rad/s]
   /// @param correction by the measurements
   /// @param dt since the last step [s]
   void add_step(const Vec6& before, const Vec6& faded, const Vec6& correction, double dt) noexcept {
@@ -62,8 +64,8 @@ class VelocityMemory {
     const double known = as_many > 0 && velocity2 > 0 ? as_many * velocity2 / (velocity2 + variance) : 0;
     std::array<double, 6> rates;
     for (std::size_t k = 0; k < 6; ++k) {
-      const double put_back = faded_[k] > 0 ? std::min(put_back_[k] / faded_[k], 1.0) : 0;
-      rates[k] = std::lerp(fastest, slowest, signal * std::max(known, put_back));
+      const double put_back = put_back_[k] > 0 && faded_[k] > 0 ? std::min(1.0, put_back_[k] / faded_[k]) : 0;
+      rates[k] = std::lerp(fastest, slowest, signal * std::max(known, goes_on_ * put_back));
     }
     return rates;
   }
@@ -73,12 +75,15 @@ class VelocityMemory {
   // Shares of the expected events. In steady motion there are 0.6 to 1.1 times as many as expected: fewer while edges
   // are hidden or move along themselves.
   static constexpr double kTooFew = 0.4, kEnough = 0.7;
+  static constexpr double kPause = 4;  // times the usual duration of an update, and the marker may have stopped in it
   // Over which what fades and what is put back are compared: a marker that stops is noticed within it.
   static constexpr double kMemory_s = 0.05;
 
   double speeds_px_s_ = 0, samples_ = 0;        // sum and number of the speeds since the last update
   double px_per_s_ = 0;                         // running mean of the speeds
   double events_ = 0, expected_ = 0;            // running means by update
+  double usual_s_ = 0;                          // running mean of the duration, a pause cut short
+  double goes_on_ = 1;                          // 1 unless this update took much longer, then less
   std::array<double, 6> put_back_{}, faded_{};  // fading sums, times the velocity, by axis
 };
 
