@@ -107,7 +107,7 @@ class KalmanUpdate {
     if (moved_px_ > kEvaluationSpreads * std::sqrt(statistics_.spread_px2())) evaluate_residuals();
     t_us_ = static_cast<double>(t);
     velocity_memory_.add(count, bound_.events_per_px(), dt, statistics_.share());
-    choose_fading();
+    if (velocity_memory_.is_due()) choose_fading();
     limit_motion(count, dt);
     // The events were linearised at the pose before the prediction. So the predicted motion is not applied to the pose
     // yet, but is the prior mean of the error state.
@@ -124,7 +124,7 @@ class KalmanUpdate {
     const Vec6 twist = predicted_twist + velocity(error);
     if (count > 0) {
       noise_.add(velocity(error), dt, px_per_s());
-      velocity_memory_.add_step(twist_before, predicted_twist, velocity(error), dt);
+      velocity_memory_.add_step(twist_before, predicted_twist, velocity(error));
     }
     const double edge_speed = norm(twist.t) + std::sqrt(statistics_.lever2()) * norm(twist.r);
     // From the state's time, the mean of the events', to t; but no farther than the motion is bounded to.

@@ -28,19 +28,17 @@ struct MotionStep {
 
 namespace detail {
 
-inline constexpr double kShort = 1.0 / 64;  // of x: below, series are exact to 1e-9 for Q, 1e-12 for F, and faster
+inline constexpr double kShort = 1.0 / 1024;  // of x: below, series are exact to 1e-9, and faster
 
 // (1 - exp(-x)) / x: the mean share of a velocity that is kept while it fades by exp(-x).
-[[gnu::always_inline]] inline double mean_kept_shortly(double x) noexcept {
-  return 1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5)));
-}
+[[gnu::always_inline]] inline double mean_kept_shortly(double x) noexcept { return 1 - x / 2 * (1 - x / 3); }
 
 // Set what a step is along axis k.
 [[gnu::always_inline]] inline void set_short(MotionStep& step, std::size_t k, double dt, double fading) noexcept {
   const double duration = std::abs(dt), x = duration * fading, mean = mean_kept_shortly(x);
   step.pose_by_velocity[k] = dt * mean;
   step.velocity_kept[k] = 1 - x * mean;
-  step.q_pose[k] = duration * duration * duration / 3 * (1 - x * (3.0 / 4 - x * (7.0 / 20 - x / 8)));
+  step.q_pose[k] = duration * duration * duration / 3 * (1 - x * (3.0 / 4 - x * 7 / 20));
   step.q_cross[k] = dt * duration / 2 * mean * mean;
   step.q_velocity[k] = duration * mean * (1 - x * mean / 2);
 }

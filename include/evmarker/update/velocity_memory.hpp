@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "evmarker/base/vector.hpp"
 
@@ -35,35 +36,40 @@ class VelocityMemory {
     const double pause_s = kPause * usual_s_;
     goes_on_ = dt > pause_s ? pause_s / dt : 1;
     usual_s_ += share * ((pause_s > 0 ? std::min(dt, pause_s) : dt) - usual_s_);
+    since_s_ += dt;
     if (!std::isfinite(expected_ + usual_s_)) *this = {};
   }
 
   /// Adds what a step did to the velocity.
   /// @param before,faded velocity before the step and when the measurements corrected it [m/s, rad/s]
   /// @param correction by the measurements
-  /// @param dt since the last step [s]
-  void add_step(const Vec6& before, const Vec6& faded, const Vec6& correction, double dt) noexcept {
+  void add_step(const Vec6& before, const Vec6& faded, const Vec6& correction) noexcept {
     const std::array<double, 6> v = before.array(), lost = (before - faded).array(), gained = correction.array();
-    const double remembered = kMemory_s / (kMemory_s + dt);
     for (std::size_t k = 0; k < 6; ++k) {
-      put_back_[k] = remembered * (put_back_[k] + v[k] * gained[k]);
-      faded_[k] = remembered * (faded_[k] + v[k] * lost[k]);
+      put_back_[k] += v[k] * gained[k];
+      faded_[k] += v[k] * lost[k];
     }
-    if (!std::isfinite(squared_norm(before) + squared_norm(correction))) put_back_ = faded_ = {};
   }
 
-  /// Rates at which the velocity fades along each axis [1/s].
+  /// True when so much time has passed that `fading` is worth being asked again.
+  bool is_due() const noexcept { return since_s_ > kMemory_s / 64; }
+
+  /// Rates at which the velocity fades along each axis [1/s], from now on.
   /// @param fastest,slowest for a velocity that nothing confirms, and for one that everything does
   /// @param velocity2,variance of the velocity, squared, and its variance, in equal units: below its own standard
   /// deviation, a velocity is not known
   /// @param signal share of the events that are no noise, which confirms the small velocity that it makes itself
   std::array<double, 6> fading(double fastest, double slowest, double velocity2, double variance,
-                               double signal) const noexcept {
+                               double signal) noexcept {
     const double ratio = expected_ > 0 ? events_ / expected_ : 0;
     const double as_many = std::clamp((ratio - kTooFew) / (kEnough - kTooFew), 0.0, 1.0);
     const double known = as_many > 0 && velocity2 > 0 ? as_many * velocity2 / (velocity2 + variance) : 0;
+    const double remembered = kMemory_s / (kMemory_s + std::exchange(since_s_, 0));
     std::array<double, 6> rates;
     for (std::size_t k = 0; k < 6; ++k) {
+      put_back_[k] *= remembered;
+      faded_[k] *= remembered;
+      if (!std::isfinite(put_back_[k] + faded_[k])) put_back_[k] = faded_[k] = 0;
       const double put_back = put_back_[k] > 0 && faded_[k] > 0 ? std::min(1.0, put_back_[k] / faded_[k]) : 0;
       rates[k] = std::lerp(fastest, slowest, signal * std::max(known, goes_on_ * put_back));
     }
@@ -84,6 +90,7 @@ class VelocityMemory {
   double events_ = 0, expected_ = 0;            // running means by update
   double usual_s_ = 0;                          // running mean of the duration, a pause cut short
   double goes_on_ = 1;                          // 1 unless this update took much longer, then less
+  double since_s_ = 0;                          // the rates were last asked for
   std::array<double, 6> put_back_{}, faded_{};  // fading sums, times the velocity, by axis
 };
 
