@@ -391,9 +391,7 @@ class KalmanUpdate {
   EdgeSpeed edge_speed() const noexcept { return EdgeSpeed::of(state_.twist, statistics_.lever2()); }
   double px_per_s() const noexcept { return std::sqrt(statistics_.gradient2()) * edge_speed().all; }
   // Density of the white acceleration along each axis.
-  std::array<double, 6> acceleration(double dt) const noexcept {
-    return noise_.density(edge_speed(), statistics_.lever2(), dt);
-  }
+  std::array<double, 6> acceleration() const noexcept { return noise_.density(edge_speed(), statistics_.lever2()); }
 
   // Bounds the motion of the edges during dt by the number of events: where the velocity or its standard deviation
   // would move them farther, scales both down.
@@ -424,7 +422,7 @@ class KalmanUpdate {
 
   // Adds to a covariance of the pose what a prediction by dt adds to it.
   void add_motion(Matrix6d& P, double dt) const noexcept {
-    const std::array<double, 6> q = acceleration(dt);
+    const std::array<double, 6> q = acceleration();
     state_.add_motion(P, possible_motion(dt, q), q);
   }
 
@@ -444,7 +442,7 @@ class KalmanUpdate {
     // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
     // goes back to it.
     if (dt == 0) return -1 * moved_already;
-    const std::array<double, 6> q = acceleration(dt);
+    const std::array<double, 6> q = acceleration();
     const MotionStep motion = possible_motion(dt, q);
     const Vec6 moved = motion.moved(state_.twist) - moved_already;
     state_.predict(motion, q);

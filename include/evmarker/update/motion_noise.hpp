@@ -23,14 +23,11 @@ class MotionNoise {
   }
 
   /// Density of the white acceleration along each axis [m^2/s^3].
-  /// @param usual upper limit; also the result where nothing is known: at first, and in and after a pause longer than
-  /// the window
-  /// @param dt since the last correction [s]
-  double translation(double usual, double dt) const noexcept {
-    return adapted(usual, squared_norm(acceleration_.t), dt);
-  }
+  /// @param usual upper limit; also the result where nothing is known: at first, and after a pause longer than the
+  /// window
+  double translation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.t)); }
   /// The same for rotation [rad^2/s^3].
-  double rotation(double usual, double dt) const noexcept { return adapted(usual, squared_norm(acceleration_.r), dt); }
+  double rotation(double usual) const noexcept { return adapted(usual, squared_norm(acceleration_.r)); }
 
  private:
   // The density of white acceleration is kGain * window * (mean acceleration)^2. Chosen on seed 9101 of nine scenarios
@@ -41,8 +38,8 @@ class MotionNoise {
   static constexpr double kLeast = 0.05;
   static constexpr double kWindowsToLearn = 3;
 
-  double adapted(double usual, double acceleration2, double dt) const noexcept {
-    const double least = known_s_ < kWindowsToLearn * window_s_ || !(dt < window_s_) ? 1 : kLeast;
+  double adapted(double usual, double acceleration2) const noexcept {
+    const double least = known_s_ < kWindowsToLearn * window_s_ ? 1 : kLeast;
     return std::clamp(kGain * window_s_ * acceleration2, least * usual, usual);
   }
 

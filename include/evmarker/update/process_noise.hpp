@@ -38,12 +38,11 @@ class ProcessNoise {
 
   /// Density of the acceleration along each axis [m^2/s^3, rad^2/s^3].
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
-  /// @param dt since the last correction [s]
-  std::array<double, 6> density(const EdgeSpeed& speed, double lever2, double dt) const noexcept {
+  std::array<double, 6> density(const EdgeSpeed& speed, double lever2) const noexcept {
     const double of_edges = at_rest_ + of_turning(speed.all);
     const double by_rotation = rotation_share_ * of_edges + of_turning(speed.by_rotation);
-    const double translation = learned_.translation(of_edges, dt);
-    const double rotation = learned_.rotation(by_rotation / std::max(lever2, kSmallestLever2), dt);
+    const double translation = learned_.translation(of_edges);
+    const double rotation = learned_.rotation(by_rotation / std::max(lever2, kSmallestLever2));
     return {translation, translation, translation, rotation, rotation, rotation};
   }
 
