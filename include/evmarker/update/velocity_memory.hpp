@@ -54,7 +54,7 @@ class VelocityMemory {
   /// True when so much time has passed that `fading` is worth being asked again.
   bool is_due() const noexcept { return since_s_ > kMemory_s / 64; }
 
-  /// Rates at which the velocity fades along each axis [1/s], from now on.
+  /// Rates at which the velocity fades along each axis [1/s]. What was put back longer ago counts less from now on.
   /// @param fastest,slowest for a velocity that nothing confirms, and for one that everything does
   /// @param velocity2,variance of the velocity, squared, and its variance, in equal units: below its own standard
   /// deviation, a velocity is not known
