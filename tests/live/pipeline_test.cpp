@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <forward_list>
 #include <functional>
 #include <iterator>
 #include <mutex>
 #include <random>
+#include <ranges>
 #include <span>
 #include <stdexcept>
 #include <thread>
@@ -97,6 +99,48 @@ TEST_CASE("the pipeline gives the tracker's poses, bit for bit, whatever the det
       CHECK(ticks[0].covariance == predicted.covariance);
       CHECK(ticks[0].quality.updated_t == predicted.quality.updated_t);
     }
+}
+
+TEST_CASE("the pipeline takes single events, and any range of any type of event") {
+  const auto poses_of = [](const auto& push_all) {
+    std::vector<PoseEstimate> poses;
+    live::Pipeline pipeline(
+        simulated::camera, TrueDetector{motion()}, [&](const PoseEstimate& pose) { poses.push_back(pose); },
+        kLikeTracker);
+    push_all(pipeline);
+    pipeline.flush();
+    CHECK(pipeline.status().events == events().size());
+    check_sum(pipeline.status());
+    pipeline.stop();
+    push_all(pipeline);  // while it is stopped, everything is dropped
+    CHECK(pipeline.status().events - events().size() == pipeline.status().dropped);
+    return poses;
+  };
+  struct Foreign {
+    long long t;
+    int x, y;
+    bool p;
+  };
+  const auto foreign = [](const Event& event) { return Foreign{event.t, event.x, event.y, event.p > 0}; };
+  const std::forward_list<Event> list(events().begin(), events().end());
+
+  const auto expected = poses_of([](auto& pipeline) { push(pipeline, events()); });
+  REQUIRE(expected.size() > 500);
+  const auto check = [&](const std::vector<PoseEstimate>& poses) {
+    REQUIRE(poses.size() == expected.size());
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      REQUIRE(poses[i].t == expected[i].t);
+      REQUIRE(poses[i].T_camera_marker.matrix() == expected[i].T_camera_marker.matrix());
+    }
+  };
+  check(poses_of([](auto& pipeline) {
+    for (const Event& event : events()) pipeline.push(event);
+  }));
+  check(poses_of([&](auto& pipeline) {
+    for (const Event& event : events()) pipeline.push(foreign(event));
+  }));
+  check(poses_of([&](auto& pipeline) { pipeline.push(list); }));
+  check(poses_of([&](auto& pipeline) { pipeline.push(events() | std::views::transform(foreign)); }));
 }
 
 TEST_CASE("without events, poses are extrapolated: later ones are less certain, and age") {

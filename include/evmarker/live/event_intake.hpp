@@ -12,6 +12,7 @@
 #include <limits>
 #include <mutex>
 #include <optional>
+#include <ranges>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -20,6 +21,7 @@
 #include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/trigger_event.hpp"
 #include "evmarker/live/event_block.hpp"
 
@@ -55,18 +57,18 @@ class EventIntake {
 
   /// Appends events, in order. Waits for room only with the policy `block`, and not on the consumer thread, which alone
   /// makes room: there, events without room are dropped. While closed, drops all.
-  template <EventLike E>
-  void push(std::span<const E> events) {
+  template <std::ranges::input_range Events>
+  requires EventLike<std::ranges::range_value_t<Events>>
+  void push(Events&& events) {
     // A closed queue is left without taking the lock: a camera that goes on pushing would keep `clear` from getting it.
     const auto lock = open_ ? lock_for_push() : std::unique_lock<std::mutex>();
-    if (!lock) return drop_before_queue(events.size());
+    if (!lock) return drop_before_queue(static_cast<std::uint64_t>(std::ranges::distance(events)));
     const auto now = Clock::now();
-    pushed_ += events.size();
-    while (!events.empty()) {
-      const auto part = events.first(std::min(events.size(), EventBlock::kCapacity));
-      enqueue(thin(part), now);
-      events = events.subspan(part.size());
-    }
+    for_each_block(events, [&](std::span<const Event> block) {
+      pushed_ += block.size();
+      for (std::size_t begin = 0; begin < block.size(); begin += EventBlock::kCapacity)
+        enqueue(thin(block.subspan(begin, std::min(block.size() - begin, EventBlock::kCapacity))), now);
+    });
     wake_consumer();  // once, with all events in the queue: when it wakes, it may take the processor from this thread
   }
 
@@ -195,18 +197,16 @@ class EventIntake {
   }
 
   // Drops events that were pushed while closed, or where a push must not wait for the lock.
-  void drop_before_queue(std::size_t events) noexcept {
+  void drop_before_queue(std::uint64_t events) noexcept {
     refused_ += events;
     dropping_ = true;
   }
 
   // The events to put into the queue: all, or as many as the policy `thin` keeps. Valid until the next call.
-  template <EventLike E>
-  std::span<const Event> thin(std::span<const E> events) {
+  std::span<const Event> thin(std::span<const Event> events) {
     const double share = policy_ == OverloadPolicy::thin ? share_to_keep() : 1;
     std::size_t kept = 0;
-    for (const E& pushed : events) {
-      const Event event = to_event(pushed);
+    for (const Event& event : events) {
       note_time(event.t);
       thinning_ += share;
       if (thinning_ < 1) continue;

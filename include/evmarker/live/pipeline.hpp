@@ -74,12 +74,16 @@ class Pipeline {
   /// are not merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits
   /// while the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which
   /// there is no room are dropped and counted. A detector or a filter must not push: tracking may be waiting for it.
-  template <std::ranges::contiguous_range Events>
+  template <std::ranges::input_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(const Events& events) { shared_.intake.push(std::span<const std::ranges::range_value_t<Events>>(events)); }
+  void push(Events&& events) { shared_.intake.push(events); }
   template <EventLike E>
   void push(const E* begin, const E* end) {
-    shared_.intake.push(std::span<const E>(begin, end));
+    push(std::span(begin, end));
+  }
+  template <EventLike E>
+  void push(const E& event) {
+    push(std::span(&event, 1));
   }
 
   /// Queues a trigger event, between the events pushed before and after it. The queue holds 4096 trigger events. When
