@@ -13,6 +13,7 @@
 struct LiveOptions : TrackOptions {
   std::string policy = "drop-oldest";
   std::string priority = "automatic";
+  std::string triggers;
   std::size_t queue_events = evmarker::live::PipelineSettings<>{}.queue_events;
 
   void add_to(CLI::App& app) {
@@ -28,6 +29,7 @@ struct LiveOptions : TrackOptions {
     app.add_option("--priority", priority, "of the tracking: automatic (real-time where that is permitted) or normal")
         ->check(CLI::IsMember({"automatic", "normal"}))
         ->capture_default_str();
+    app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
   }
 
   evmarker::live::TrackingPriority tracking_priority() const {

@@ -25,6 +25,7 @@
 #include "live_options.hpp"
 #include "reader_options.hpp"
 #include "recording_checks.hpp"
+#include "trigger_output.hpp"
 
 using namespace evmarker;
 
@@ -34,7 +35,7 @@ struct ReplayOptions : LiveOptions {
   double speed = 1, detect_for_s = 0;
   int packet_us = 100;
   bool find_first = false;
-  std::string triggers, delays;
+  std::string delays;
   ReaderOptions reader;
 
   void add_to(CLI::App& app) {
@@ -50,7 +51,6 @@ struct ReplayOptions : LiveOptions {
         ->check(console::positive_number());
     app.add_flag("--find-first", find_first,
                  "a twentieth as fast until a marker is tracked: to see an overload from then on");
-    app.add_option("--triggers", triggers, "the camera's external trigger events as CSV");
     app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
   }
 
@@ -114,29 +114,29 @@ class Outputs {
  public:
   // Opens the files, so that one that cannot be written is reported before the recording is played.
   Outputs(const ReplayOptions& options, io::PoseColumns columns)
-      : poses_(options, options.track_one(), columns),
-        trigger_file_(open(options.triggers)),
-        delay_file_(open(options.delays)) {}
+      : poses_(options, options.track_one(), columns), triggers_(options.triggers) {
+    if (!options.delays.empty()) delay_file_.emplace(options.delays);
+  }
 
   PoseOutput& poses() { return poses_; }
+  TriggerOutput& triggers() { return triggers_; }
   /// What is in the files.
   std::vector<std::string> kept(const ReplayOptions& options) const {
     std::vector<std::string> files = poses_.kept();
     if (delay_file_) files.push_back(std::to_string(deliveries_.size()) + " delays in " + options.delays);
-    if (trigger_file_) files.push_back(options.triggers);
+    for (const std::string& file : triggers_.kept()) files.push_back(file);
     return files;
   }
   void add_delivery(Timestamp t) {
     if (delay_file_) deliveries_.push_back({t, live::Clock::now()});
   }
-  void add(const TriggerEvent& trigger) {
-    triggers_ += std::to_string(trigger.t) + ',' + std::to_string(trigger.id) + ',' + (trigger.rising ? "1\n" : "0\n");
-  }
 
   void close(const Pace& pace, live::Clock::time_point start) {
     poses_.close();
-    complete(trigger_file_, triggers_);
-    complete(delay_file_, delay_table(pace, start));
+    triggers_.close();
+    if (!delay_file_) return;
+    delay_file_->write(delay_table(pace, start));
+    delay_file_->close();
   }
 
  private:
@@ -144,17 +144,6 @@ class Outputs {
     Timestamp t;  // of the pose
     live::Clock::time_point wall;
   };
-
-  static std::optional<io::OutputFile> open(const std::string& path) {
-    if (path.empty()) return std::nullopt;
-    return io::OutputFile(path);
-  }
-
-  static void complete(std::optional<io::OutputFile>& file, const std::string& text) {
-    if (!file) return;
-    file->write(text);
-    file->close();
-  }
 
   std::string delay_table(const Pace& pace, live::Clock::time_point start) const {
     using Milliseconds = std::chrono::duration<double, std::milli>;
@@ -169,8 +158,8 @@ class Outputs {
   }
 
   PoseOutput poses_;
-  std::optional<io::OutputFile> trigger_file_, delay_file_;
-  std::string triggers_ = "t_us,id,rising\n";
+  TriggerOutput triggers_;
+  std::optional<io::OutputFile> delay_file_;
   std::vector<Delivery> deliveries_;
 };
 
@@ -252,7 +241,7 @@ template <PoseUpdateRule Rule>
 live::PipelineSettings<Rule> settings(const ReplayOptions& options, const typename Rule::Settings& rule,
                                       Outputs& outputs) {
   live::PipelineSettings<Rule> settings = options.pipeline_settings<Rule>(rule, outputs.poses());
-  settings.on_trigger = [&](const TriggerEvent& trigger) { outputs.add(trigger); };
+  settings.on_trigger = [&](const TriggerEvent& trigger) { outputs.triggers().write(trigger); };
   return settings;
 }
 

@@ -1,4 +1,5 @@
-// Tracks the markers that a camera sees, or any file that OpenEB opens, while they are shown on the screen.
+// Tracks the markers that a camera sees, or any file that OpenEB opens, while they are shown on the screen. Cameras are
+// Prophesee's, by OpenEB, and iniVation's, by libcaer: those of the libraries that there were when this was built.
 #include <algorithm>
 #include <chrono>
 #include <cinttypes>
@@ -11,20 +12,29 @@
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
 #include <limits>
+#include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <type_traits>
 #include <vector>
 
 #include "console.hpp"
 #include "interruption.hpp"
 #include "live_options.hpp"
-#include "openeb_source.hpp"
 #include "recording_checks.hpp"
 #include "screen.hpp"
 #include "tracking_view.hpp"
+#include "trigger_output.hpp"
+#ifdef EVMARKER_HAS_OPENEB
+#include "openeb_source.hpp"
+#endif
+#ifdef EVMARKER_HAS_LIBCAER
+#include "libcaer_source.hpp"
+#endif
 
 using namespace evmarker;
 using namespace std::chrono_literals;
@@ -38,24 +48,73 @@ struct CameraOptions : LiveOptions {
   void add_to(CLI::App& app) {
     LiveOptions::add_to(app);
     CLI::Option* file = app.get_option("recording");
-    file->required(false)->description("any file that OpenEB opens, in place of a camera");
-    app.add_option("--serial", serial, "the camera with this serial number; default: the first one")->excludes(file);
-    app.add_flag("--every-event", every_event,
-                 "of a file: as fast as tracking goes and nothing dropped, for the poses of track_file")
-        ->needs(file)
-        ->excludes("--policy");
+    CLI::Option* camera_serial = app.add_option("--serial", serial, kSerialHelp);
+    if constexpr (kOpensFiles) {
+      file->required(false)->description("any file that OpenEB opens, in place of a camera")->excludes(camera_serial);
+      app.add_flag("--every-event", every_event,
+                   "of a file: as fast as tracking goes and nothing dropped, for the poses of track_file")
+          ->needs(file)
+          ->excludes("--policy");
+    } else {
+      app.remove_option(file);
+    }
     app.add_flag("--no-display", no_display, "no window but a line per second");
     app.get_option("--quiet")->description("no line per second");
   }
 
   template <PoseUpdateRule Rule>
-  live::PipelineSettings<Rule> camera_settings(const typename Rule::Settings& rule, PoseOutput& poses) const {
+  live::PipelineSettings<Rule> camera_settings(const typename Rule::Settings& rule, PoseOutput& poses,
+                                               TriggerOutput& trigger_output) const {
     live::PipelineSettings<Rule> settings = pipeline_settings<Rule>(rule, poses);
+    settings.on_trigger = [&](const TriggerEvent& trigger) { trigger_output.write(trigger); };
     if (!every_event) return settings;
     settings.overload = live::OverloadPolicy::block;
     settings.wait_for_detector = true;
     return settings;
   }
+
+  std::string name() const { return recording.empty() ? "camera" : recording; }
+
+  /// Calls `use(source)` with the file or the camera: the first that a library finds.
+  template <typename Use>
+  void with_source(const Use& use) const {
+    std::string reasons;
+    const auto with_camera_of = [&]<typename Source>(const std::type_identity<Source>&) {
+      std::unique_ptr<Source> source;
+      try {
+        source = std::make_unique<Source>(serial);
+      } catch (const std::runtime_error& error) {
+        reasons += (reasons.empty() ? "" : "; ") + std::string(error.what());
+        return false;
+      }
+      use(*source);
+      return true;
+    };
+#ifdef EVMARKER_HAS_OPENEB
+    if (!recording.empty()) {
+      OpenEbSource source(recording, !every_event);
+      return use(source);
+    }
+    if (with_camera_of(std::type_identity<OpenEbSource>())) return;
+#endif
+#ifdef EVMARKER_HAS_LIBCAER
+    if (with_camera_of(std::type_identity<LibcaerSource>())) return;
+#endif
+    throw std::runtime_error(reasons);
+  }
+
+ private:
+#ifdef EVMARKER_HAS_OPENEB
+  static constexpr bool kOpensFiles = true;
+#else
+  static constexpr bool kOpensFiles = false;
+#endif
+#ifdef EVMARKER_HAS_LIBCAER
+  static constexpr const char* kSerialHelp =
+      "the camera with this serial number, or the eDVS at this port, as /dev/ttyUSB0; default: the first one";
+#else
+  static constexpr const char* kSerialHelp = "the camera with this serial number; default: the first one";
+#endif
 };
 
 // Buffers events between the camera's thread and the picture; the camera's thread never waits for the drawing.
@@ -63,10 +122,11 @@ class EventTap {
  public:
   explicit EventTap(SensorSize size) : frame_(size) { waiting_.reserve(kMost); }
 
-  void push(const Metavision::EventCD* begin, const Metavision::EventCD* end) {
+  template <EventLike E>
+  void push(std::span<const E> events) {
     const std::lock_guard lock(mutex_);
-    const auto room = static_cast<std::ptrdiff_t>(kMost - waiting_.size());
-    for (const auto* e = end - std::min(end - begin, room); e != end; ++e) waiting_.push_back(to_event(*e));
+    for (const E& event : events.last(std::min(events.size(), kMost - waiting_.size())))
+      waiting_.push_back(to_event(event));
   }
 
   /// The frame at the time of the poses, so that events and poses match; with all events where nothing moves.
@@ -151,8 +211,9 @@ class Display {
   void add(const PoseEstimate& pose) {
     if (window_) view_.add(pose);
   }
-  void add(const Metavision::EventCD* begin, const Metavision::EventCD* end) {
-    if (window_) tap_.push(begin, end);
+  template <EventLike E>
+  void add(std::span<const E> events) {
+    if (window_) tap_.push(events);
   }
 
   /// Draws the poses of the last updates and the events before them, and waits for the keyboard until the given time.
@@ -170,8 +231,8 @@ class Display {
 };
 
 // Shows the tracking until the events end, the window is closed or a signal comes.
-template <typename Pipeline, typename ModelOf>
-void watch(OpenEbSource& source, const Pipeline& pipeline, Display& display, const ModelOf& model_of, bool quiet) {
+template <typename Source, typename Pipeline, typename ModelOf>
+void watch(Source& source, const Pipeline& pipeline, Display& display, const ModelOf& model_of, bool quiet) {
   StatusLines lines;
   while (source.running() && !interruption::requested && !display.closed()) {
     const live::Status status = pipeline.status();
@@ -185,17 +246,14 @@ void watch(OpenEbSource& source, const Pipeline& pipeline, Display& display, con
   }
 }
 
-template <PoseUpdateRule Rule>
-void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
-  require_distinct(options.files_read(), {{"--output", options.output}});
-  interruption::watch();
-  const PinholeCamera camera = options.camera.load();
+template <PoseUpdateRule Rule, typename Source>
+void track(const CameraOptions& options, const PinholeCamera& camera, const typename Rule::Settings& rule,
+           io::PoseColumns columns, Source& source) {
+  recording_checks::require_size(source.sensor_size(), options.name(), camera.sensor_size(), options.camera.path);
   auto detector = options.detector(camera);
   Display display(camera, !options.no_display);
-  const std::string name = options.recording.empty() ? "camera" : options.recording;
-  OpenEbSource source(options.recording, options.serial, !options.every_event);
-  recording_checks::require_size(source.sensor_size(), name, camera.sensor_size(), options.camera.path);
   PoseOutput output(options, options.track_one(), columns);
+  TriggerOutput triggers(options.triggers);
 
   live::Pipeline pipeline(
       camera, detector,
@@ -203,13 +261,15 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
         output.write(pose);
         display.add(pose);
       },
-      options.camera_settings<Rule>(rule, output));
-  source.start([&](const Metavision::EventCD* begin, const Metavision::EventCD* end) {
-    pipeline.push(begin, end);
-    display.add(begin, end);
-  });
+      options.camera_settings<Rule>(rule, output, triggers));
+  source.start(
+      [&](std::span<const typename Source::Event> events) {
+        pipeline.push(events);
+        display.add(events);
+      },
+      [&](const TriggerEvent& trigger) { pipeline.push(trigger); });
   const struct Stop {  // also after an exception: the camera's thread uses the pipeline
-    OpenEbSource& source;
+    Source& source;
     ~Stop() { source.stop(); }
   } stop{source};
   const auto start = live::Clock::now();
@@ -221,12 +281,25 @@ void track(const CameraOptions& options, const typename Rule::Settings& rule, io
   pipeline.flush();
   pipeline.stop();
   output.close();  // after a failure of the camera, too: what was tracked until then is right
-  if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(name + ": " + error);
+  triggers.close();
+  if (const std::string error = source.error(); !error.empty()) throw std::runtime_error(options.name() + ": " + error);
   if (ended && options.recording.empty()) throw std::runtime_error("camera: it stopped and gave no reason");
   if (!interrupted) std::printf("ended: %s\n", ended ? "end of the file" : "window closed");
   output.print();
   print_last_line(pipeline.status());
-  if (interrupted) interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), output.kept());
+  if (!interrupted) return;
+  std::vector<std::string> kept = output.kept();
+  for (const std::string& file : triggers.kept()) kept.push_back(file);
+  interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), kept);
+}
+
+template <PoseUpdateRule Rule>
+void track(const CameraOptions& options, const typename Rule::Settings& rule, io::PoseColumns columns) {
+  require_distinct(options.files_read(), {{"--output", options.output}, {"--triggers", options.triggers}});
+  interruption::watch();
+  const PinholeCamera camera = options.camera.load();
+  options.detector(camera);  // what is wrong with the options is said before a camera is looked for
+  options.with_source([&](auto& source) { track<Rule>(options, camera, rule, columns, source); });
 }
 
 }  // namespace
