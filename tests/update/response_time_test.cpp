@@ -104,16 +104,24 @@ TEST_CASE(
 }
 
 TEST_CASE("response time: few slow edges that spread differently are no delay of milliseconds") {
-  // The variance of the events of one edge is larger than that of the other by 0.1 px^2, and it is a little faster.
-  std::mt19937 random(6);
-  std::normal_distribution<double> normal;
-  ResponseTime response;
-  for (int i = 0; i < 8000; ++i) {
-    response.add(0.5 * normal(random), 150 + 20 * normal(random));
-    response.add(0.59 * normal(random), 250 + 20 * normal(random));
+  // The variance of the events of one edge is larger than that of the other by 0.1 px^2, and it is a little faster: as
+  // if by a response time of 1.6 ms.
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    CAPTURE(seed);
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal;
+    ResponseTime response;
+    const auto add_event = [&](double sigma_px, double speed) {
+      const double residual_px = sigma_px * normal(random);
+      response.add(residual_px, speed + 20 * normal(random));
+    };
+    for (int i = 0; i < 8000; ++i) {
+      add_event(0.5, 150);
+      add_event(0.59, 250);
+    }
+    response.evaluate();
+    CHECK(response.delay_s() < 0.75e-3);
   }
-  response.evaluate();
-  CHECK(response.delay_s() < 0.3e-3);
 }
 
 TEST_CASE("response time: numbers that are not finite are forgotten") {
