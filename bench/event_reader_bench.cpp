@@ -1,5 +1,6 @@
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -112,6 +113,64 @@ BENCHMARK_CAPTURE(read_bytes, zstd, make_aedat4<io::Compression::zstd>)
     ->Unit(benchmark::kMillisecond);
 #endif
 
+// What the libraries alone take for the same bytes: with these, the share of their rate that reading reaches.
+void report_rate(benchmark::State& state, std::chrono::duration<double> elapsed) {
+  state.counters["events_per_second"] =
+      static_cast<double>(state.iterations()) * static_cast<double>(events().size()) / elapsed.count();
+}
+
+/// The frames that `make_aedat4` makes of the events.
+std::vector<std::string> frames(io::Compression compression) {
+  constexpr std::size_t kEvents = io::test::kAedat4PacketEvents;
+  std::vector<std::string> frames;
+  for (std::span<const Event> rest = events(); !rest.empty(); rest = rest.subspan(std::min(kEvents, rest.size())))
+    frames.push_back(
+        io::test::compress(io::test::aedat4_events(rest.first(std::min(kEvents, rest.size()))), compression));
+  return frames;
+}
+
+/// @param decompress takes a frame and where its content is written
+template <typename Decompress>
+void decompress_alone(benchmark::State& state, io::Compression compression, const Decompress& decompress) {
+  const std::vector<std::string> compressed = frames(compression);
+  std::vector<char> content(1 << 16);
+  std::chrono::duration<double> elapsed{0};
+  for (auto _ : state) {
+    const auto begin = std::chrono::steady_clock::now();
+    for (const std::string& frame : compressed) {
+      decompress(frame, content);
+      benchmark::DoNotOptimize(content.data());
+    }
+    elapsed += std::chrono::steady_clock::now() - begin;
+  }
+  report_rate(state, elapsed);
+}
+
+#ifdef EVMARKER_HAS_LZ4
+void lz4_alone(benchmark::State& state) {
+  LZ4F_dctx* context = nullptr;
+  LZ4F_createDecompressionContext(&context, LZ4F_VERSION);
+  decompress_alone(state, io::Compression::lz4, [&](const std::string& frame, std::vector<char>& content) {
+    std::size_t produced = content.size(), consumed = frame.size();
+    if (LZ4F_decompress(context, content.data(), &produced, frame.data(), &consumed, nullptr) != 0)
+      state.SkipWithError("a frame is not whole");
+  });
+  LZ4F_freeDecompressionContext(context);
+}
+BENCHMARK(lz4_alone)->Name("read/aedat4/lz4/library_alone")->Unit(benchmark::kMillisecond);
+#endif
+#ifdef EVMARKER_HAS_ZSTD
+void zstd_alone(benchmark::State& state) {
+  ZSTD_DCtx* const context = ZSTD_createDCtx();
+  decompress_alone(state, io::Compression::zstd, [&](const std::string& frame, std::vector<char>& content) {
+    if (ZSTD_isError(ZSTD_decompressDCtx(context, content.data(), content.size(), frame.data(), frame.size())) != 0)
+      state.SkipWithError("a frame is not whole");
+  });
+  ZSTD_freeDCtx(context);
+}
+BENCHMARK(zstd_alone)->Name("read/aedat4/zstd/library_alone")->Unit(benchmark::kMillisecond);
+#endif
+
 template <io::test::RosEvents Kind>
 std::string make_mcap(std::span<const Event> events, SensorSize size) {
   return io::test::make_mcap(events, size, Kind);
@@ -137,15 +196,44 @@ BENCHMARK(read_rosbag2)->Name("read/rosbag2/libcaer")->Unit(benchmark::kMillisec
 #endif
 
 #ifdef EVMARKER_HAS_HDF5
+constexpr hsize_t kHdf5ChunkRows = 16384;
+
 template <unsigned DeflateLevel>
 std::string make_hdf5(std::span<const Event> events, SensorSize) {
   io::test::Hdf5Bytes file;
-  file.add_compounds("CD/events", events, {.chunk_rows = 16384, .deflate_level = DeflateLevel});
+  file.add_compounds("CD/events", events, {.chunk_rows = kHdf5ChunkRows, .deflate_level = DeflateLevel});
   file.add_attribute("geometry", "640x480");
   return file.bytes();
 }
 BENCHMARK_CAPTURE(read_bytes, hdf5, make_hdf5<0>)->Name("read/hdf5/none")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(read_bytes, gzip, make_hdf5<1>)->Name("read/hdf5/gzip")->Unit(benchmark::kMillisecond);
+
+// All rows, a chunk at a time, as they are in the file.
+template <unsigned DeflateLevel>
+void hdf5_alone(benchmark::State& state) {
+  const TemporaryFile path("");
+  std::ofstream(path.path(), std::ios::binary) << make_hdf5<DeflateLevel>(events(), bench::camera().sensor_size());
+  std::chrono::duration<double> elapsed{0};
+  for (auto _ : state) {
+    const auto begin = std::chrono::steady_clock::now();
+    const io::Hdf5Handle file(H5Fopen(path.path().c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+    const io::Hdf5Handle dataset(H5Dopen2(file.get(), "CD/events", H5P_DEFAULT), H5Dclose);
+    const io::Hdf5Handle type(H5Dget_type(dataset.get()), H5Tclose), space(H5Dget_space(dataset.get()), H5Sclose);
+    std::vector<char> rows(kHdf5ChunkRows * H5Tget_size(type.get()));
+    for (hsize_t row = 0; row < events().size(); row += kHdf5ChunkRows) {
+      const hsize_t count = std::min<hsize_t>(kHdf5ChunkRows, events().size() - row);
+      const io::Hdf5Handle memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
+      H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, &row, nullptr, &count, nullptr);
+      if (H5Dread(dataset.get(), type.get(), memory.get(), space.get(), H5P_DEFAULT, rows.data()) < 0)
+        return state.SkipWithError("libhdf5 cannot read it");
+      benchmark::DoNotOptimize(rows.data());
+    }
+    elapsed += std::chrono::steady_clock::now() - begin;
+  }
+  report_rate(state, elapsed);
+}
+BENCHMARK(hdf5_alone<0>)->Name("read/hdf5/none/library_alone")->Unit(benchmark::kMillisecond);
+BENCHMARK(hdf5_alone<1>)->Name("read/hdf5/gzip/library_alone")->Unit(benchmark::kMillisecond);
 #endif
 
 }  // namespace

@@ -18,6 +18,9 @@ TEST_CASE("open_hdf5: a build without libhdf5 says how to have it") {
 #else
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
+#include <limits>
 #include <numeric>
 
 #include "evmarker/events/event_stream.hpp"
@@ -85,6 +88,67 @@ TEST_CASE("Hdf5Reader: Prophesee's compounds, with their sensor size") {
   CHECK(drain(reader) == events);
   Hdf5Reader shifted(folder / "a.h5", {{.shift_first_time_to_zero = true}});
   CHECK(shifted.next_batch()[1].t == events[1].t - events[0].t);
+}
+
+TEST_CASE("Hdf5Reader: compounds of numbers of any kind and order of bytes, beside members that are passed over") {
+  const TemporaryFolder folder;
+  const auto events = random_events({640, 480}, 20000, 5);
+  struct Row {
+    double x, y;
+    std::int64_t t;
+    std::int64_t p;
+  };
+  std::vector<Row> rows;
+  for (const Event& event : events)
+    rows.push_back({static_cast<double>(event.x), static_cast<double>(event.y), event.t, event.p});
+  const hid_t in_memory = H5Tcreate(H5T_COMPOUND, sizeof(Row));
+  H5Tinsert(in_memory, "x", offsetof(Row, x), H5T_NATIVE_DOUBLE);
+  H5Tinsert(in_memory, "y", offsetof(Row, y), H5T_NATIVE_DOUBLE);
+  H5Tinsert(in_memory, "t", offsetof(Row, t), H5T_NATIVE_INT64);
+  H5Tinsert(in_memory, "p", offsetof(Row, p), H5T_NATIVE_INT64);
+  const std::array<hsize_t, 1> many{300};
+  const hid_t name = H5Tcopy(H5T_C_S1), long_array = H5Tarray_create2(H5T_STD_I8LE, 1, many.data());
+  H5Tset_size(name, H5T_VARIABLE);
+  const hid_t none = H5T_STD_U8BE;
+  for (const hid_t beside : {none, name, long_array}) {  // the last two are read column by column
+    const std::size_t bytes = 8 + 4 + 8 + 1 + H5Tget_size(beside);
+    const hid_t stored = H5Tcreate(H5T_COMPOUND, bytes);
+    H5Tinsert(stored, "x", 0, H5T_IEEE_F64BE);
+    H5Tinsert(stored, "beside", 21, beside);
+    H5Tinsert(stored, "y", 8, H5T_IEEE_F32LE);
+    H5Tinsert(stored, "t", 12, H5T_STD_U64BE);
+    H5Tinsert(stored, "p", 20, H5T_STD_I8LE);
+    Hdf5Bytes file;
+    file.add("CD/events", {rows.size()}, stored, in_memory, rows.data(), kChunks);
+    file.add_attribute("geometry", "640x480");
+    Hdf5Reader reader(write_hdf5(folder, file));
+    CHECK(drain(reader) == events);
+    H5Tclose(stored);
+  }
+  for (const hid_t type : {in_memory, name, long_array}) H5Tclose(type);
+}
+
+TEST_CASE("Hdf5Reader: numbers that no coordinate or time can be, of any kind, are off the sensor or an error") {
+  const TemporaryFolder folder, other_folder;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<double> x{1, 1e300, -kInfinity, -1, 2};
+  Hdf5Bytes file;
+  file.add("events/x", x, H5T_IEEE_F64LE);
+  file.add("events/y", std::vector<std::int64_t>{3, 3, 3, 3, 3}, H5T_STD_U64LE);
+  file.add("events/p", std::vector<double>{0, 1, 1, 1, 1}, H5T_IEEE_F32LE);
+  file.add("events/t", std::vector<std::int64_t>{1, 2, 3, 4, 5}, H5T_STD_U32LE);
+  Hdf5Reader reader(write_hdf5(folder, file), {{SensorSize{640, 480}}, TimeUnit::microseconds});
+  CHECK(drain(reader) == std::vector<Event>{{1, 3, 0, 1}, {2, 3, 1, 5}});
+  CHECK(reader.statistics().off_sensor == 3);
+
+  Hdf5Bytes late;
+  const std::vector<std::uint64_t> t{7, std::numeric_limits<std::uint64_t>::max()};
+  for (const char* column : {"events/x", "events/y", "events/p"})
+    late.add(column, std::vector<std::int64_t>{1, 1}, H5T_STD_U8LE);
+  late.add("events/t", {2}, H5T_STD_U64LE, H5T_NATIVE_UINT64, t.data());
+  Hdf5Reader of_late(write_hdf5(other_folder, late), {{SensorSize{640, 480}}, TimeUnit::seconds});
+  CHECK(of_late.next_batch().size() == 1);
+  CHECK(contains(error_of([&] { of_late.next_batch(); }), "no time that microseconds can express"));
 }
 
 TEST_CASE("Hdf5Reader: Prophesee's triggers, each among the events of its time, and behind them") {

@@ -220,14 +220,17 @@ inline std::string compress(const std::string& content, Compression compression)
   return content;
 }
 
-/// An AEDAT 4 recording in packets of up to 1000 events, with packets of other streams between them, and an index.
+inline constexpr std::size_t kAedat4PacketEvents = 1000;
+
+/// An AEDAT 4 recording in packets of up to kAedat4PacketEvents, with packets of other streams between them, and an
+/// index.
 inline std::string make_aedat4(std::span<const Event> events, SensorSize size,
                                Compression compression = Compression::none) {
   std::string packets;
-  for (; !events.empty(); events = events.subspan(std::min<std::size_t>(1000, events.size()))) {
+  for (; !events.empty(); events = events.subspan(std::min(kAedat4PacketEvents, events.size()))) {
     const Event other{1, 2, 1, events[0].t};
     packets += aedat4_packet(
-        1, compress(aedat4_events(events.first(std::min<std::size_t>(1000, events.size()))), compression));
+        1, compress(aedat4_events(events.first(std::min(kAedat4PacketEvents, events.size()))), compression));
     packets += aedat4_packet(2, compress(aedat4_events({&other, 1}), compression)) + aedat4_packet(0, "no frame");
   }
   const int number = compression == Compression::none ? 0 : compression == Compression::lz4 ? 1 : 3;

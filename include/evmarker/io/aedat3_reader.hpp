@@ -58,14 +58,20 @@ class Aedat3Reader final : public StreamingReader {
     if (events_left_ == 0) return read_packet_header();
     const auto events = peek_records(kEventBytes, events_left_);
     if (events.empty()) return end_of_file();
-    for (std::size_t at = 0; at < events.size(); at += kEventBytes) {
-      const auto data = load_word<std::uint32_t>(&events[at]), time = load_word<std::uint32_t>(&events[at + 4]);
-      const Timestamp t = time_base_ + static_cast<std::int32_t>(time);
-      if ((data & 1U) == 0) continue;  // marked invalid
+    const std::size_t count = events.size() / kEventBytes;
+    const auto data = [&](std::size_t i) { return load_word<std::uint32_t>(&events[kEventBytes * i]); };
+    const auto time = [&](std::size_t i) {
+      return time_base_ + static_cast<std::int32_t>(load_word<std::uint32_t>(&events[kEventBytes * i + 4]));
+    };
+    const auto is_valid = [&](std::size_t i) { return (data(i) & 1U) != 0; };
+    for (std::size_t begin = 0, end = 0; begin < count; begin = end + 1) {
+      for (end = begin; end < count && is_valid(end); ++end)
+        if (type_ != kPolarity) add_special(data(end) >> 1U & 0x7FU, time(end));
       if (type_ == kPolarity)
-        collector_.add(data >> 17U, data >> 2U & 0x7FFFU, (data >> 1U & 1U) != 0, t);
-      else
-        add_special(data >> 1U & 0x7FU, t);
+        collector_.add_each(end - begin, [&](std::size_t i) {
+          const std::uint32_t event = data(begin + i);
+          return RecordedEvent{event >> 17U, event >> 2U & 0x7FFFU, (event >> 1U & 1U) != 0, time(begin + i)};
+        });
     }
     bytes_.skip(events.size());
     events_left_ -= events.size() / kEventBytes;

@@ -76,13 +76,14 @@ class Aedat4Reader final : public StreamingReader {
     if (undelivered_.empty()) return read_packet();
     const auto piece = undelivered_.first(std::min(undelivered_.size(), kPieceEvents * kEventBytes));
     undelivered_ = undelivered_.subspan(piece.size());
-    for (std::size_t at = 0; at < piece.size(); at += kEventBytes) {
-      const auto coordinate = [&](std::size_t offset) {
-        return static_cast<std::int16_t>(load_word<std::uint16_t>(&piece[at + offset]));
+    collector_.add_each(piece.size() / kEventBytes, [&](std::size_t i) {
+      const std::byte* const event = &piece[kEventBytes * i];
+      const auto coordinate = [&](std::size_t at) {
+        return static_cast<std::int16_t>(load_word<std::uint16_t>(event + at));
       };
-      const auto t = static_cast<Timestamp>(load_word<std::uint64_t>(&piece[at]));
-      collector_.add(coordinate(8), coordinate(10), piece[at + 12] != std::byte{0}, t);
-    }
+      return RecordedEvent{coordinate(8), coordinate(10), event[12] != std::byte{0},
+                           static_cast<Timestamp>(load_word<std::uint64_t>(event))};
+    });
     return true;
   }
 
@@ -114,7 +115,7 @@ class Aedat4Reader final : public StreamingReader {
 
   void decode_packet(int stream, std::uint64_t begin) {
     try {
-      const auto content = decompressor_ ? decompressor_->decompress(packet_) : std::span<const std::byte>(packet_);
+      const auto content = decompressor_ ? decompressor_->decompress(packet_) : packet_;
       constexpr std::size_t size_prefix = 4;
       if (content.size() < size_prefix) throw std::runtime_error("it has no size");
       const FlatTable packet(content.subspan(size_prefix));

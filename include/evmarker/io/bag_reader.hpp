@@ -51,7 +51,8 @@ class BagReader : public StreamingReader {
     if (!read_bytes(bytes, "chunk")) return false;
     chunk_ = read_part(bytes_.path(), "chunk", begin_, [&] { return decompressor_->decompress(packet_); });
     // A message of the chunk may take as much again.
-    if (packet_.size() > kMostKept) packet_ = std::vector<std::byte>();
+    packet_ = {};
+    if (pieces_.size() > kMostKept) pieces_ = std::vector<std::byte>();
     return true;
   }
 

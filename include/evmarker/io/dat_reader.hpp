@@ -73,20 +73,24 @@ class DatReader final : public StreamingReader {
   bool read_piece() override {
     const auto records = peek_records(kRecordBytes);
     if (records.empty()) return end_of_file();
-    for (std::size_t at = 0; at < records.size(); at += kRecordBytes)
-      add_record(load_word<std::uint32_t>(&records[at]), load_word<std::uint32_t>(&records[at + 4]));
+    const std::size_t count = records.size() / kRecordBytes;
+    WrappingClock clock = clock_;  // a copy, which nothing else can refer to, stays in registers
+    const auto time = [&](std::size_t i) { return clock.unwrap(load_word<std::uint32_t>(&records[kRecordBytes * i])); };
+    const auto data = [&](std::size_t i) { return load_word<std::uint32_t>(&records[kRecordBytes * i + 4]); };
+    if (has_triggers_)
+      for (std::size_t i = 0; i < count; ++i)
+        collector_.add(TriggerEvent{static_cast<int>(data(i) >> 26U), (data(i) & 1U) != 0, time(i)});
+    else if (has_wide_columns_)
+      collector_.add_each(count, [&](std::size_t i) {
+        return RecordedEvent{data(i) & 0x3FFFU, data(i) >> 14U & 0x3FFFU, data(i) >> 28U == 1, time(i)};
+      });
+    else
+      collector_.add_each(count, [&](std::size_t i) {
+        return RecordedEvent{data(i) & 0x1FFU, data(i) >> 9U & 0xFFU, (data(i) >> 17U & 1U) != 0, time(i)};
+      });
+    clock_ = clock;
     bytes_.skip(records.size());
     return true;
-  }
-
-  void add_record(std::uint32_t time, std::uint32_t data) {
-    const Timestamp t = clock_.unwrap(time);
-    if (has_triggers_)
-      collector_.add(TriggerEvent{static_cast<int>(data >> 26U), (data & 1U) != 0, t});
-    else if (has_wide_columns_)
-      collector_.add(data & 0x3FFFU, data >> 14U & 0x3FFFU, data >> 28U == 1, t);
-    else
-      collector_.add(data & 0x1FFU, data >> 9U & 0xFFU, (data >> 17U & 1U) != 0, t);
   }
 
   static constexpr int kEvents = 0, kContrastEvents = 12, kTriggers = 14;

@@ -39,7 +39,10 @@ class EvtPackets {
     collector.statistics.off_sensor += after.off_sensor - before.off_sensor;
     collector.statistics.unknown_words += after.unknown_words - before.unknown_words;
     collector.statistics.garbled_times += after.garbled_times - before.garbled_times;
-    for (const Event& event : std::span(buffer_).first(count)) collector.add(event.x, event.y, event.p > 0, event.t);
+    collector.add_each(count, [&](std::size_t i) {
+      const Event& event = buffer_[i];
+      return RecordedEvent{event.x, event.y, event.p > 0, event.t};
+    });
     for (const TriggerEvent& trigger : triggers_) collector.add(trigger);
   }
 
@@ -56,12 +59,13 @@ class MonoPackets {
 
   void begin(std::uint64_t time_base) { time_base_ = time_base; }
   void decode(std::span<const std::byte> words, std::span<const std::byte>, EventCollector& collector) {
-    for (; !words.empty(); words = words.subspan(kWordBytes)) {
-      const auto word = load_word<std::uint64_t>(words.data());
+    collector.add_each(words.size() / kWordBytes, [&](std::size_t i) {
+      const auto word = load_word<std::uint64_t>(&words[kWordBytes * i]);
       const std::uint64_t since_microsecond = time_base_ % 1000 + (word & 0xFFFFFFFFU);
-      collector.add(static_cast<std::int64_t>(word >> 32U & 0xFFFFU), static_cast<std::int64_t>(word >> 48U & 0x7FFFU),
-                    word >> 63U != 0, static_cast<Timestamp>(time_base_ / 1000 + since_microsecond / 1000));
-    }
+      return RecordedEvent{static_cast<std::int64_t>(word >> 32U & 0xFFFFU),
+                           static_cast<std::int64_t>(word >> 48U & 0x7FFFU), word >> 63U != 0,
+                           static_cast<Timestamp>(time_base_ / 1000 + since_microsecond / 1000)};
+    });
   }
 
  private:

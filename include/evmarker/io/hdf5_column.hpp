@@ -17,6 +17,7 @@
 
 #include "evmarker/io/hdf5_ecf.hpp"
 #include "evmarker/io/hdf5_handle.hpp"
+#include "evmarker/io/hdf5_rows.hpp"
 
 namespace evmarker::io {
 
@@ -38,10 +39,11 @@ inline std::string hdf5_text(hid_t object, const char* name) {
   return text;
 }
 
-/// A dataset that is open, with what decodes it where libhdf5 does not.
+/// A dataset that is open, with what reads its rows.
 struct Hdf5Dataset {
   Hdf5Handle handle;
-  std::optional<Hdf5Ecf> ecf;
+  std::optional<Hdf5Rows> rows;
+  std::optional<Hdf5Ecf> ecf;  ///< in place of libhdf5
 
   hid_t get() const noexcept { return handle.get(); }
 };
@@ -65,6 +67,7 @@ class Hdf5Column {
       throw std::runtime_error("a dataset has " + std::to_string(dimensions) + " dimensions, must have 1");
     H5Sget_simple_extent_dims(space.get(), sides.data(), nullptr);
     rows_ = sides[0];
+    number_ = dataset_->rows->number(member_, static_cast<std::size_t>(column_.value_or(0)));
   }
 
   /// A dataset, opened so that a chunk of it stays in memory until all of its rows are read.
@@ -82,6 +85,7 @@ class Hdf5Column {
     H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(chunk_bytes), 1.0);
     auto opened = std::make_shared<Hdf5Dataset>();
     opened->handle = Hdf5Handle(H5Dopen2(file, path.c_str(), access.get()), H5Dclose);
+    opened->rows.emplace(opened->get());
     if (has_ecf) opened->ecf.emplace(opened->get());
     return opened;
   }
@@ -107,6 +111,7 @@ class Hdf5Column {
   requires std::same_as<T, std::int64_t> || std::same_as<T, double>
   void read(std::uint64_t first, std::span<T> to) const {
     if (dataset_->ecf) return dataset_->ecf->read(member_, first, to);
+    if (number_) return dataset_->rows->copy(*number_, first, to);
     const hid_t number = std::same_as<T, double> ? H5T_NATIVE_DOUBLE : H5T_NATIVE_INT64;
     Hdf5Handle compound;
     if (!member_.empty()) {
@@ -174,6 +179,7 @@ class Hdf5Column {
   std::shared_ptr<Hdf5Dataset> dataset_;
   std::string member_;
   std::optional<hsize_t> column_;
+  std::optional<Hdf5Number> number_;  // nothing: libhdf5 converts it
   std::uint64_t rows_ = 0;
 };
 

@@ -66,6 +66,8 @@ class Hdf5Reader final : public CollectingReader {
       collector_.set_sensor_size(
           choose_sensor_size(hdf5_sensor_size(file_.get()), options, detail::kMaxSide, "HDF5", path));
       unit_ = options.time_unit ? *options.time_unit : recognize_unit();
+      microseconds_each_ = std::pow(10, places_to_microseconds(unit_));
+      times_are_microseconds_ = unit_ == TimeUnit::microseconds && offset_ == 0 && !has_float_times_;
     } catch (const RecordingError&) {
       throw;
     } catch (const std::runtime_error& fault) {
@@ -82,7 +84,7 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t bytes_total() const override { return bytes_total_; }
 
  private:
-  static constexpr std::uint64_t kRows = 32768;
+  static constexpr std::uint64_t kRows = 8192;  // in a piece, which stays in the cache
 
   static constexpr std::size_t kX = Hdf5Events::kX, kY = Hdf5Events::kY, kP = Hdf5Events::kP, kT = Hdf5Events::kT;
 
@@ -115,7 +117,7 @@ class Hdf5Reader final : public CollectingReader {
     }
     const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
     for (std::vector<std::int64_t>& column : numbers_) column.resize(count);
-    float_times_.resize(count);
+    if (has_float_times_) float_times_.resize(count);
     try {
       for (const std::size_t column : {kX, kY, kP}) events_.columns[column].read(row_, std::span(numbers_[column]));
       if (has_float_times_)
@@ -126,30 +128,59 @@ class Hdf5Reader final : public CollectingReader {
       throw RecordingError(
           path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
     }
-    for (std::size_t i = 0; i < count; ++i, ++row_) {
-      const Timestamp t = has_float_times_ ? from_float(float_times_[i]) : from_whole(numbers_[kT][i]);
-      add_triggers(t);
-      collector_.add(numbers_[kX][i], numbers_[kY][i], numbers_[kP][i] > 0, t);
+    for (std::size_t begin = 0; begin < count;) {
+      const std::size_t end = read_times(begin, count);
+      collector_.add_each(end - begin, [&](std::size_t i) {
+        return RecordedEvent{numbers_[kX][begin + i], numbers_[kY][begin + i], numbers_[kP][begin + i] > 0,
+                             numbers_[kT][begin + i]};
+      });
+      begin = end;
     }
     return true;
   }
 
-  // Adds the triggers until a time: the file has them apart from the events.
-  void add_triggers(Timestamp until) {
+  // Makes microseconds of the times of the events until the next trigger is due, which it adds where it is due first.
+  // Returns the end of these events: of a time that is no microseconds, those before come before its error.
+  std::size_t read_times(std::size_t begin, std::size_t count) {
+    std::size_t at = begin;
+    if (times_are_microseconds_ && trigger_due(std::numeric_limits<Timestamp>::max()) == nullptr) {
+      row_ += count - begin;
+      return count;
+    }
     try {
-      for (auto* trigger = triggers_.next(); trigger != nullptr && trigger->t <= until; trigger = triggers_.next()) {
-        collector_.add(*trigger);
-        triggers_.skip();
+      for (; at < count; ++at, ++row_) {
+        const Timestamp t = has_float_times_ ? from_float(float_times_[at]) : from_whole(numbers_[kT][at]);
+        if (trigger_due(t) != nullptr) {
+          if (at > begin) return at;
+          add_triggers(t);
+        }
+        numbers_[kT][at] = t;
       }
     } catch (const RecordingError&) {
-      throw;
+      if (at == begin) throw;
+    }
+    return at;
+  }
+
+  // The next trigger if it is due at a time: the file has them apart from the events.
+  const TriggerEvent* trigger_due(Timestamp t) {
+    try {
+      const TriggerEvent* const trigger = triggers_.next();
+      return trigger != nullptr && trigger->t <= t ? trigger : nullptr;
     } catch (const std::runtime_error& fault) {
       throw RecordingError(path_, fault.what());
     }
   }
 
+  void add_triggers(Timestamp until) {
+    while (const TriggerEvent* const trigger = trigger_due(until)) {
+      collector_.add(*trigger);
+      triggers_.skip();
+    }
+  }
+
   Timestamp from_float(double t) const {
-    const double microseconds = std::round(t * std::pow(10, places_to_microseconds(unit_)));
+    const double microseconds = std::round(t * microseconds_each_);
     if (!(std::abs(microseconds) < 9e18)) fail(std::to_string(t));
     return with_offset(static_cast<Timestamp>(microseconds));
   }
@@ -183,6 +214,8 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t rows_ = 0, row_ = 0, bytes_total_ = 0;
   bool has_float_times_ = false;
   TimeUnit unit_ = TimeUnit::microseconds;
+  double microseconds_each_ = 1;                      // of a unit
+  bool times_are_microseconds_ = true;                // as they are in the file
   std::int64_t offset_ = 0;                           // [us]
   std::array<std::vector<std::int64_t>, 4> numbers_;  // of the last piece, by column
   std::vector<double> float_times_;                   // its times instead, if the file has them as floating point

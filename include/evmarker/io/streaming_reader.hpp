@@ -35,7 +35,8 @@ class StreamingReader : public CollectingReader {
     return ahead.first(std::min({most, kPieceEvents, ahead.size() / bytes_each}) * bytes_each);
   }
 
-  /// Reads a record or packet into `packet_`; false if the file ends inside of it.
+  /// Reads a record or packet, which `packet_` shows until the next call or `peek`; false if the file ends inside of
+  /// it.
   /// @param what its name in errors
   /// @throws RecordingError where it is longer than Decompressor::kMaxBytes, as a garbled length may say
   bool read_bytes(std::uint64_t bytes, const char* what) {
@@ -44,9 +45,15 @@ class StreamingReader : public CollectingReader {
                            std::string(what) + " of " + std::to_string(bytes) + " bytes, of which at most " +
                                std::to_string(Decompressor::kMaxBytes) + " are read: garbled?",
                            bytes_.position());
-    packet_.clear();
+    if (const auto ahead = bytes_.peek(); ahead.size() >= bytes) {  // in one block: it need not be copied
+      packet_ = ahead.first(static_cast<std::size_t>(bytes));
+      bytes_.skip(packet_.size());
+      return true;
+    }
+    pieces_.clear();
     const std::uint64_t read = bytes_.pass(
-        bytes, [&](std::span<const std::byte> piece) { packet_.insert(packet_.end(), piece.begin(), piece.end()); });
+        bytes, [&](std::span<const std::byte> piece) { pieces_.insert(pieces_.end(), piece.begin(), piece.end()); });
+    packet_ = pieces_;
     return read == bytes;
   }
   /// Skips a record or packet; false if the file ends inside of it.
@@ -61,7 +68,8 @@ class StreamingReader : public CollectingReader {
   }
 
   ByteStream bytes_;
-  std::vector<std::byte> packet_;  // the last record or packet that was read
+  std::span<const std::byte> packet_;  // the last record or packet that was read
+  std::vector<std::byte> pieces_;      // of a packet that lies across blocks
 };
 
 }  // namespace evmarker::io

@@ -13,6 +13,7 @@ class TimeShift {
  public:
   explicit TimeShift(bool wanted) : wanted_(wanted) {}
 
+  bool wanted() const noexcept { return wanted_; }
   /// The time since the first; nothing where that does not fit into 63 bits.
   std::optional<Timestamp> operator()(Timestamp t) {
     if (!wanted_) return t;
