@@ -38,7 +38,8 @@ class LibcaerSource {
     else
       open_usb(serial);
     if (!caerDeviceSendDefaultConfig(camera_.get())) throw std::runtime_error("libcaer: the camera is not configured");
-    // The least delay: containers of 1 ms in place of 10, taken when they are told of.
+    detect_both_edges();
+    // For the least delay: containers of 1 ms instead of 10, each taken as soon as libcaer reports it.
     caerDeviceConfigSet(camera_.get(), CAER_HOST_CONFIG_PACKETS, CAER_HOST_CONFIG_PACKETS_MAX_CONTAINER_INTERVAL, 1000);
   }
 
@@ -46,7 +47,8 @@ class LibcaerSource {
   LibcaerSource& operator=(const LibcaerSource&) = delete;
   ~LibcaerSource() { stop(); }
 
-  /// Both functions are called on a thread of this source. Trigger events come after the events of the same delivery.
+  /// Both functions are called on a thread of this source, and must not throw. Trigger events come after the events of
+  /// the same delivery. To be called once.
   /// @throws std::runtime_error if the camera does not start
   void start(std::function<void(std::span<const Event>)> on_events,
              std::function<void(const evmarker::TriggerEvent&)> on_trigger) {
@@ -54,30 +56,32 @@ class LibcaerSource {
     on_trigger_ = std::move(on_trigger);
     running_ = true;
     const auto delivered = [](void* self) { static_cast<LibcaerSource*>(self)->delivered_.release(); };
-    const auto ended = [](void* self) {
+    const auto failed = [](void* self) {  // not called after DataStop
+      static_cast<LibcaerSource*>(self)->failed_ = true;
       static_cast<LibcaerSource*>(self)->running_ = false;
       static_cast<LibcaerSource*>(self)->delivered_.release();
     };
-    if (!caerDeviceDataStart(camera_.get(), delivered, nullptr, this, ended, this)) {
+    if (!caerDeviceDataStart(camera_.get(), delivered, nullptr, this, failed, this)) {
       running_ = false;
       throw std::runtime_error("camera: it does not start");
     }
-    if (is_davis_) caerDeviceConfigSet(camera_.get(), DAVIS_CONFIG_APS, DAVIS_CONFIG_APS_RUN, 0);  // frames disturb
+    started_ = true;
+    // No frames, which disturb the events; only now, as DataStart switches them on.
+    if (kind_ == "DAVIS") caerDeviceConfigSet(camera_.get(), DAVIS_CONFIG_APS, DAVIS_CONFIG_APS_RUN, 0);
     thread_ = std::thread([this] { deliver(); });
   }
 
   void stop() {
-    stopping_ = true;
     running_ = false;
     delivered_.release();
-    if (!thread_.joinable()) return;
-    thread_.join();
-    caerDeviceDataStop(camera_.get());
+    if (thread_.joinable()) thread_.join();
+    if (started_) caerDeviceDataStop(camera_.get());
+    started_ = false;
   }
 
   bool running() const { return running_; }
   std::string error() const {  ///< why it stopped by itself, if it did
-    return running_ || stopping_ ? "" : "the camera was disconnected, or its driver failed";
+    return failed_ ? "the camera was disconnected, or its driver failed" : "";
   }
   evmarker::SensorSize sensor_size() const { return sensor_size_; }
 
@@ -104,22 +108,26 @@ class LibcaerSource {
       case CAER_DEVICE_DVS132S: return camera("DVS132S", info.dvs132sInfo);
       case CAER_DEVICE_DVXPLORER: return camera("DVXplorer", info.dvXplorerInfo);
       case CAER_DEVICE_SAMSUNG_EVK: return camera("Samsung EVK", info.samsungEVKInfo);
-      case CAER_DEVICE_EDVS:
-        return Found{"eDVS", info.edvsInfo.serialPortName, {info.edvsInfo.dvsSizeX, info.edvsInfo.dvsSizeY}};
       default: return std::nullopt;  // not a camera
     }
   }
 
+  // Each kind by itself: to look for all would write to every serial port, in search of an eDVS.
   void open_usb(const std::string& serial) {
-    caer_device_discovery_result* results = nullptr;
-    const auto count = caerDeviceDiscover(CAER_DEVICE_DISCOVER_ALL, &results);
-    const std::unique_ptr<caer_device_discovery_result, decltype(&std::free)> owner(results, std::free);
     std::string others;
-    for (auto& result : std::span(results, static_cast<std::size_t>(std::max<ssize_t>(count, 0)))) {
-      const auto camera = found(result);
-      if (!camera) continue;
-      if (serial.empty() || camera->serial == serial) return open(*camera, result);
-      others += (others.empty() ? "" : ", ") + camera->name + " " + camera->serial;
+    constexpr std::array<std::int16_t, 6> kKinds{CAER_DEVICE_DAVIS,   CAER_DEVICE_DVXPLORER,   CAER_DEVICE_DVS128,
+                                                 CAER_DEVICE_DVS132S, CAER_DEVICE_SAMSUNG_EVK, CAER_DEVICE_DAVIS_RPI};
+    for (const std::int16_t kind : kKinds) {
+      caer_device_discovery_result* results = nullptr;
+      const auto count = caerDeviceDiscover(kind, &results);
+      const std::unique_ptr<caer_device_discovery_result, decltype(&std::free)> owner(results, std::free);
+      for (auto& result : std::span(results, static_cast<std::size_t>(std::max<ssize_t>(count, 0)))) {
+        const auto camera = found(result);
+        if (!camera) continue;
+        if (serial.empty() || camera->serial == serial) return open(*camera, result);
+        others += (others.empty() ? "" : ", ") + camera->name + " " + camera->serial;
+        if (result.deviceErrorOpen) others += " (which cannot be opened: in use, or for root only?)";
+      }
     }
     if (others.empty()) throw std::runtime_error("libcaer: no camera is found");
     throw std::runtime_error("libcaer: no camera has the serial number " + serial + ", but there is " + others);
@@ -131,7 +139,20 @@ class LibcaerSource {
       throw std::runtime_error("libcaer: " + found.name + " " + found.serial +
                                " cannot be opened: is another program " + "using it, or may only root (udev rules)?");
     sensor_size_ = found.size;
-    is_davis_ = found.name == "DAVIS";
+    kind_ = found.name;
+  }
+
+  // Of signals at the input, instead of pulses, which have no end and are reported once they have lasted for a while.
+  void detect_both_edges() {
+    if (kind_ != "DAVIS" && kind_ != "DVXplorer" && kind_ != "DVS132S") return;
+    static_assert(DVX_EXTINPUT == DAVIS_CONFIG_EXTINPUT && DVS132S_CONFIG_EXTINPUT == DAVIS_CONFIG_EXTINPUT &&
+                  DVX_EXTINPUT_DETECT_PULSES == DAVIS_CONFIG_EXTINPUT_DETECT_PULSES);  // they share their addresses
+    const auto set = [&](std::uint8_t what, std::uint32_t value) {
+      caerDeviceConfigSet(camera_.get(), DAVIS_CONFIG_EXTINPUT, what, value);
+    };
+    set(DAVIS_CONFIG_EXTINPUT_DETECT_RISING_EDGES, 1);
+    set(DAVIS_CONFIG_EXTINPUT_DETECT_FALLING_EDGES, 1);
+    set(DAVIS_CONFIG_EXTINPUT_DETECT_PULSES, 0);
   }
 
   void open_port(const std::string& port) {
@@ -147,14 +168,14 @@ class LibcaerSource {
   }
 
   void deliver() {
-    while (true) {
+    while (running_) {
       delivered_.acquire();
-      if (stopping_) return;
-      while (const caerEventPacketContainer container = caerDeviceDataGet(camera_.get())) {
+      while (running_) {
+        const caerEventPacketContainer container = caerDeviceDataGet(camera_.get());
+        if (container == nullptr) break;
         deliver(container);
         caerEventPacketContainerFree(container);
       }
-      if (!running_) return;
     }
   }
 
@@ -204,13 +225,14 @@ class LibcaerSource {
 
   static constexpr std::uint16_t kSource = 1;  // its number in libcaer's packets
 
-  std::unique_ptr<caer_device_handle, Close> camera_;
+  std::counting_semaphore<> delivered_{0};
+  std::atomic<bool> running_ = false, failed_ = false;
+  std::unique_ptr<caer_device_handle, Close> camera_;  // its threads use what is before it
+  bool started_ = false;
+  std::string kind_;
   evmarker::SensorSize sensor_size_;
-  bool is_davis_ = false;
   std::function<void(std::span<const Event>)> on_events_;
   std::function<void(const evmarker::TriggerEvent&)> on_trigger_;
   std::vector<Event> events_;  // of the delivery
-  std::counting_semaphore<> delivered_{0};
-  std::atomic<bool> running_ = false, stopping_ = false;
   std::thread thread_;
 };

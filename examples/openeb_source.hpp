@@ -55,8 +55,11 @@ class OpenEbSource {
     if (!camera_.start()) throw std::runtime_error("camera: it does not start");
   }
   void stop() { camera_.stop(); }
-  bool running() { return camera_.is_running(); }                          ///< also false at the end of a file
-  std::string error() const { return (std::lock_guard(mutex_), error_); }  ///< why it stopped by itself, if it did
+  bool running() { return camera_.is_running(); }  ///< also false at the end of a file
+  std::string error() const {                      ///< why it stopped by itself, if it did
+    const std::lock_guard lock(mutex_);
+    return error_;
+  }
 #if METAVISION_SDK_VERSION_MAJOR >= 5
   evmarker::SensorSize sensor_size() { return {camera_.geometry().get_width(), camera_.geometry().get_height()}; }
 #else
@@ -102,7 +105,7 @@ class OpenEbSource {
 
   static std::string reason(const std::system_error& error) { return error.system_error::what(); }  // in one line
 
-  Metavision::Camera camera_;
   mutable std::mutex mutex_;
   std::string error_;
+  Metavision::Camera camera_;  // its threads use what is before it
 };

@@ -270,7 +270,8 @@ void track(const CameraOptions& options, const PinholeCamera& camera, const type
       [&](const TriggerEvent& trigger) { pipeline.push(trigger); });
   const struct Stop {  // also after an exception: the camera's thread uses the pipeline
     Source& source;
-    ~Stop() { source.stop(); }
+    ~Stop() try { source.stop(); } catch (const std::exception&) {  // after another one, which is reported
+    }
   } stop{source};
   const auto start = live::Clock::now();
   watch(
