@@ -65,8 +65,8 @@ class BlockReader {
     return block_;
   }
 
-  /// The last `keep` bytes (at most kMaxKeep) of what the call before returned and the next block, which is empty at
-  /// the end of the file; valid until the next call.
+  /// The next block, with the last `keep` bytes (at most kMaxKeep) of what the call before returned in front of it; at
+  /// the end of the file, only these. Valid until the next call.
   /// @throws RecordingError where reading fails, once all before it has been returned
   std::span<const std::byte> next(std::size_t keep = 0) {
     if (std::exchange(first_is_next_, false)) return block_;

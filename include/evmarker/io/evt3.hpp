@@ -109,7 +109,7 @@ class Evt3Decoder {
   // Decodes rows, columns and low times up to a word of another type, and returns where that is.
   const std::byte* decode_frequent_words(const std::byte* at, const std::byte* end, State& state,
                                          Event*& events) const noexcept {
-    State local = state;  // a copy: events may alias `state`, and each store of one would reload it
+    State local = state;  // a copy, which no store to `events` can change: it stays in registers
     Event* out = events;
     for (; at != end; at += kWordBytes) {
       const std::uint32_t word = load_word<std::uint16_t>(at);
@@ -131,7 +131,7 @@ class Evt3Decoder {
     state.y = row ? address : state.y;
     state.row_width = row ? (address < height ? width : 0) : state.row_width;
     state.t = low ? (state.t & ~Timestamp{0xFFF}) | payload_of(word) : state.t;
-    // Also where it is no event: `out` is inside of the buffer before every word, and the next one overwrites it.
+    // Written for every word: there is always room for one event more, and what is none is overwritten by the next.
     *out = make_event(address, state.y, polarity_of(word), state.t);
     const bool visible = column & (address < state.row_width);
     state.off_sensor += (column & !visible) ? 1U : 0U;

@@ -99,10 +99,13 @@ class EventIntake {
   EventBlock* pop(std::chrono::microseconds timeout) {
     EventBlock* block = try_pop();
     if (block != nullptr || timeout.count() <= 0) return block;
-    consumer_sleeps_.exchange(true);  // an exchange: a push that does not see it yet is seen by the next line
+    // An exchange, as a fence: either a push sees the flag and wakes this thread, or its block is seen by the next
+    // line.
+    consumer_sleeps_.exchange(true);
     block = try_pop();
     const bool woken = block == nullptr && open_ && wake_.wait(timeout.count());
-    if (!woken && !consumer_sleeps_.exchange(false)) wake_.wait();  // a push is about to wake it
+    // Whoever took the flag, a push or `close`, signals: if that were left, the next wait would end at once.
+    if (!woken && !consumer_sleeps_.exchange(false)) wake_.wait();
     return block != nullptr ? block : try_pop();
   }
 
@@ -130,8 +133,8 @@ class EventIntake {
     open_ = true;
   }
 
-  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms, and a `pop` at once: its timeout is of
-  /// a clock that may be set back.
+  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms. A `pop` is woken at once: its own
+  /// timeout is by the system's clock, and takes longer if that is set back.
   void close() noexcept {
     open_ = false;
     wake_consumer();

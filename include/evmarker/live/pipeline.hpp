@@ -57,7 +57,7 @@ class Pipeline {
       : settings_(settings),
         detector_(std::move(detector)),
         on_pose_(std::move(on_pose)),
-        // Made anew, as the copy of a core has no memory in reserve.
+        // A core is made for every start: a copy of one that is kept would have no memory in reserve.
         make_core_([camera, settings = settings.tracker, filter = std::move(filter)] {
           return TrackerCore<Rule, Filter>(camera, settings, filter);
         }),
@@ -73,7 +73,7 @@ class Pipeline {
   /// Queues events, which come in order of camera time. The events of one call stay together; calls of several threads
   /// are not merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits
   /// while the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which
-  /// there is no room are dropped and counted. A detector or a filter must not push: tracking may be waiting for it.
+  /// there is no room are dropped and counted. A detector must not push: tracking may be waiting for it; nor a filter.
   template <std::ranges::input_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events) { shared_.intake.push(events); }
@@ -110,7 +110,7 @@ class Pipeline {
       halt();
       throw;
     }
-    started_.wait(false);  // then the status says which priority it has
+    started_.wait(false);  // for the thread to have set its priority, which the status tells
   }
 
   /// Stops tracking, within 100 ms; if a callback or a detection is still running, when that has returned. Events still

@@ -67,7 +67,7 @@ class TrackingLoop {
   }
 
  private:
-  // Longest wait for events, before it is looked for a stop, results and triggers.
+  // Longest wait for events before the loop looks for a stop, results of detections and triggers.
   static constexpr std::chrono::milliseconds kMaxWait{5};
 
   // Tracks the next block of events; if none comes, does what is due meanwhile.
@@ -83,7 +83,7 @@ class TrackingLoop {
         core_.skip_to(block->first_t(), deliver_untimed());
       track(*block);
       progress_.block = block->number();
-      shared_.published.publish(core_, progress_);  // before the block is released: queue_depth never exceeds the queue
+      shared_.published.publish(core_, progress_);  // before the block is free: refilled, it would count twice
     } else {
       catch_up();
       deliver_triggers(progress_.block + 1);

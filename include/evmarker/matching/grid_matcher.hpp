@@ -54,7 +54,7 @@ class GridMatcher {
     // compares with the runner-up without a square root.
     rival_factor_ = 1 + 2 * ambiguity_ / max_distance_;
     rival_offset_ = ambiguity_ * (max_distance_ / 2 + ambiguity_);
-    rate_ = 0;  // the bounds that follow from it are updated with the next pose
+    rate_ = 0;  // the bounds that follow from it are updated with the next `project`
   }
 
   /// Sets the pose. False, and no event matches, while the model is not wholly in front of the camera, shows no edge,
@@ -149,8 +149,8 @@ class GridMatcher {
   }
   struct StretchTable {
     const Stretch* stretches;
-    // Stretches on each line, and the numbers of those of cell 0 on line 0 of either coordinate. As doubles: the sums
-    // are exact, and one conversion is enough.
+    // Stretches on each line; and for each coordinate the number of the stretch beside cell 0 of line 0. As doubles:
+    // the sums are exact, and one conversion is enough.
     double per_line, first_x, first_y;
   };
   [[gnu::always_inline]] StretchTable table() const noexcept {
@@ -200,7 +200,7 @@ class GridMatcher {
   }
 
   /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose. `near` only if the edge points at
-  /// the camera, which does not happen at poses on the grid.
+  /// the camera, which does not happen while `on_grid()`.
   [[gnu::always_inline]] MatchResult correspond(const Stretch& edge, Vec2 m,
                                                 Correspondence& correspondence) const noexcept {
     return evmarker::correspond(projected_, edge, m, focal_length_, correspondence) ? MatchResult::matched
@@ -303,7 +303,7 @@ class GridMatcher {
     const Stretch& before = grid_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
     const Stretch& after = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
     if (before.segment == after.segment) return {edge_or_null(after), false};
-    // How far the foot is past the point, times foot_w as the margin is.
+    // How far the foot is past the point, times foot_w; at_point() scales the margin in the same way.
     const double beyond = line.foot_a - point * line.foot_w;
     if (!(std::abs(beyond) <= edge_choice_grid_.at_point(line, point, end_margin_)))
       return {edge_or_null(beyond < 0 ? before : after), false};
@@ -348,7 +348,7 @@ class GridMatcher {
   double max_distance_;                 // the same
   double match_reach_, near_reach_;     // how far from an edge an event can be matched, or near; the same
   double limit2_;                       // max_distance_ squared
-  double rival_factor_, rival_offset_;  // squared distance of the least runner-up: factor d^2 + offset
+  double rival_factor_, rival_offset_;  // squared distance that a runner-up must exceed: factor d^2 + offset
   int stretches_of_line_ = 0;
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;

@@ -51,7 +51,7 @@ class SegmentMatcher {
     vertices_.resize(model_.vertices.size());
   }
 
-  /// Sets another maximal distance, for poses projected from now on.
+  /// Sets another maximal distance: at once for what matches, from the next `project` on for how far `near` reaches.
   void set_max_distance_px(double distance_px) noexcept { settings_.max_distance_px = distance_px; }
 
   /// Projects the wireframe at a pose, without the edges on faces that are turned away. False, and no event matches,

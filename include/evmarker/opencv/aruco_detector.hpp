@@ -116,7 +116,7 @@ class ArucoDetector {
     return all;
   }
 
-  /// The code of a marker: the cells inside the outermost ring of its border.
+  /// The code of a marker, with all of the black border around it but the outermost ring.
   /// @throws std::invalid_argument if the dictionary has no such id
   CodeBits bits(MarkerId id) const {
     return with_border(marker_bits(dictionary_, id, settings_.dictionary), settings_.border_cells);
@@ -198,11 +198,11 @@ class ArucoDetector {
     };
     std::ranges::for_each(solve_planar_pnp(camera_, corners, settings_.length(id)), fit_from);
     if (fits.empty()) return std::nullopt;
-    constexpr double kSamePose = 0.1;  // [rad]
-    const auto differs = [&](const FrameFit& fit) {
+    constexpr double kSamePose = 0.1;                // [rad]
+    const auto differs = [&](const FrameFit& fit) {  // from the first; once they are sorted, from the best
       return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
     };
-    // If both starts led to the same pose, try the other one.
+    // If the starts led to one pose only, try its mirror image.
     if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
 

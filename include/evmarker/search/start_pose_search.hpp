@@ -239,7 +239,7 @@ class StartPoseSearch {
   EdgeEvidence evidence_{kSide * kSide};
   EventHistory recent_{2 * kReplayed};  // events in the region
   CameraTime time_;
-  double searched_us_ = 0;  // camera time since the first one
+  double searched_us_ = 0;  // camera time since the first event of this search
   double budget_ = 0;       // [look-ups], negative if overdrawn
 
   State state_ = State::searching;

@@ -29,7 +29,7 @@ struct Vector<256> {
 
 }  // namespace detail
 
-/// Two numbers in one register; the usual operators work element by element.
+/// Two doubles in one register; the usual operators work element by element.
 using Pair = detail::Vector<128>::InRegister;
 
 /// Loads two adjacent numbers, which need only the alignment of a double.
@@ -52,8 +52,8 @@ using Quad [[gnu::vector_size(16)]] = std::uint32_t;
   return *reinterpret_cast<const InMemory*>(numbers);
 }
 
-/// `kNumbers` doubles in vectors of `kBits` bits: 64, one double each, or the 128 or 256 that `in_packs` chooses.
-/// `kNumbers` is a multiple of the doubles in one vector.
+/// `kNumbers` doubles in vectors of `kBits` bits: 128 or 256, as `in_packs` (wide_vectors.hpp) chooses; or 64, one
+/// double to a vector, for packs too short for those. `kNumbers` is a multiple of the doubles in one vector.
 template <std::size_t kNumbers, std::size_t kBits>
 class Pack {
  public:

@@ -117,6 +117,7 @@ class ConfirmedMarkers {
     void clear() noexcept { count_ = 0; }
     bool full() const noexcept { return count_ == events_.size(); }
     std::span<const Event> events() const noexcept { return std::span(events_).first(count_); }
+    // Of one of `events()` itself, not of a copy: it is found by its address.
     std::size_t number(const Event& event) const noexcept {
       return numbers_[static_cast<std::size_t>(&event - events_.data())];
     }

@@ -97,9 +97,9 @@ class EdgeFollower {
     return end;
   }
 
-  /// Sets how many events a pixel makes while an edge passes over it: for `events_per_update`, and for the rule's trail
-  /// and bound of the motion. With a rule that estimates the trail, the first call also corrects its state and so the
-  /// pose. To be called directly after an update, while nothing has been collected.
+  /// Sets how many events a pixel makes while an edge passes over it: for the rule's trail and, with a rule that
+  /// estimates it, for `events_per_update` and the bound of the motion. The first call then also corrects the rule's
+  /// state and so the pose. To be called directly after an update, while nothing has been collected.
   void set_events_per_passage(double events) noexcept {
     if constexpr (requires { rule_.measure_trail(T_camera_marker_, events); }) {
       const bool known = std::exchange(events_per_passage_, events) > 0;
@@ -143,7 +143,7 @@ class EdgeFollower {
     start_from(T_camera_marker_);
   }
 
-  /// Goes on from the pose at which a flat wireframe looks nearly alike, with the motion that looks alike.
+  /// Goes over to the mirrored pose, at which a flat wireframe looks nearly the same, and to the motion that does.
   void mirror(const ModelPlane& plane) noexcept requires MirrorableRule<Rule> {
     rule_.transform(mirrored_motion(T_camera_marker_, plane));
     start_from(mirrored(T_camera_marker_, plane));
@@ -357,7 +357,7 @@ class EdgeFollower {
 
   double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }
 
-  // Of no use to a rule without edge offset. In an edge's middle half, the distance from its ends counts as infinite.
+  // Counts an event in an edge's middle half, where from_end_px2 is infinite: for rules with an edge offset.
   [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {
     if constexpr (MotionEstimatingRule<Rule>)
       middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();

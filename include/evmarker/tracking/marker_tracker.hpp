@@ -73,8 +73,9 @@ class MarkerTracker {
     return last;
   }
 
-  /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are those of single events, in
-  /// less time. After a start search past events are replayed, several with each new one: only their last pose is used.
+  /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are the same as with single
+  /// events, but take less time. After a start search past events are replayed, several with each new one: only their
+  /// last pose is used.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
@@ -120,8 +121,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing time from the last event on or near the marker to the end of the gap: before the gap, the marker
-  /// made no further events, so that it did not move
+  /// @param missing length of the gap. It counts from the last event on or near the marker: between that and the gap
+  /// there were none, so that the marker did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;

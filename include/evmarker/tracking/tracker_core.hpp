@@ -72,6 +72,7 @@ class TrackerCore {
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
+    // One by one while tentative markers catch up, by a little with every event, or where a time is to be judged.
     const bool single = events.size() == 1 || !tentative_.empty() || !guard_.passes(events.front().t);
     const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
     deliver(use);
@@ -139,7 +140,7 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void register_markers(const DetectionResult& result, const Use& use) {
     schedule_.end();
-    confirmed_.free_memory();
+    confirmed_.free_memory();  // of rivals that were dropped since: on the event path none is freed
     statistics_.unusable_poses += result.unusable_poses;
     missing_.remove_detected(result);
     tentative_.add(result.sightings);
@@ -172,7 +173,7 @@ class TrackerCore {
  private:
   // A longer gap counts as this long: nothing is bridged either way.
   static constexpr std::uint64_t kLongestGap_us = 1000000000;
-  static constexpr std::size_t kTogether = 64;  // events for each marker: enough for good groups
+  static constexpr std::size_t kTogether = 64;  // events for each marker in a batch: as many as are matched together
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
@@ -337,8 +338,8 @@ class TrackerCore {
     tentative_.for_each(note);
   }
 
-  // True if a marker was detected elsewhere than where its tracker had it in the detector's frame: until the result it
-  // may have moved on by more than its size. False if it was not tracked then.
+  // True if a marker was detected elsewhere than its tracker had it at the time of the detector's frame; since then it
+  // may have moved by more than its size. False if it was not tracked then.
   bool was_elsewhere(const DetectionResult::Marker& found) const {
     const auto then = std::ranges::find(at_request_, found.detection.id, &PlacedMarker::id);
     return then != at_request_.end() && !same_place(found, then->T_camera_marker);

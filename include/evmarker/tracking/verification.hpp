@@ -24,7 +24,7 @@ struct VerificationSettings {
   /// angle at which opposite sides of a marker of s pixels move by max_translation_px against each other.
   double max_rotation_rad = kAutomatic;
   std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
-  std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this is backtracked at once
+  std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this begins its way back early
 };
 
 /// @throws std::invalid_argument naming the setting that is out of range
@@ -41,7 +41,7 @@ inline void validate(const VerificationSettings& settings) {
 /// for a tracker that has not been verified yet.
 enum class VerificationWindow { full, brief };
 
-/// How far the backtracked pose is from the pose that the forward tracker had at the same time.
+/// How far the backtracked pose is from the pose that the forward tracker had at the same time, to within an update.
 struct BacktrackError {
   double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the marker's projected origin, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
@@ -74,7 +74,7 @@ inline double origin_deviation_px(const Matrix6d& covariance, Vec3 T, double foc
 
 /// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: on average two steps
 /// back with every new event, so that no event waits for the whole way. Only a brief window, for whose result a tracker
-/// waits, and one that is full are backtracked at once.
+/// waits, is backtracked at once; and when a window is nearly full, what is left of the one before.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
@@ -135,8 +135,8 @@ class Verification {
 
  private:
   static constexpr double kPapersRotation_rad = 0.15;
-  static constexpr double kMaxSigmas = 6;       // standard deviations by which a right pose may come back off
-  static constexpr std::size_t kStepsBack = 2;  // for each new event: done in half of the time of the next window
+  static constexpr double kMaxSigmas = 6;       // a right pose may come back off by so many standard deviations
+  static constexpr std::size_t kStepsBack = 2;  // for each new event: done after half as many as the window had
   static constexpr int kWait = 16;  // events after which the steps for all of them are made at once, which costs less
 
   [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,

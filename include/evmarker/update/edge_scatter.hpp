@@ -18,7 +18,7 @@ namespace evmarker {
 class EdgeScatter {
  public:
   static constexpr std::size_t kStates = 7;  ///< of a row: pose and edge offset
-  using Row = std::array<double, kStates>;   ///< of MeasurementModel, by pose and edge offset
+  using Row = std::array<double, kStates>;   ///< the derivatives of a residual by these
 
   /// Adds the residual of an event.
   /// @param edge its number; edges whose numbers are equal modulo 64 count as one
@@ -64,16 +64,18 @@ class EdgeScatter {
   }
   /// Mean squared error of an edge, along its normal [px^2].
   double variance_px2() const noexcept { return variance_px2_; }
-  /// Share of the events of which it is known on which side their edge is dark.
+  /// About the share of the events of which it is known on which side their edge is dark; contrasts weigh them.
   double share_of_known_dark_sides() const noexcept { return share_of_known_dark_sides_; }
 
  private:
   static constexpr std::size_t kEdges = 64;
-  static constexpr double kShare = 0.25;          // of an evaluation in the running mean of the variance
-  static constexpr double kNoInformation = 1e-6;  // added to that of the offset, which is 1 if all dark sides are known
+  static constexpr double kShare = 0.25;  // of an evaluation in the running mean of the variance
+  static constexpr double kLeastInformation =
+      1e-6;  // of the offset, where no dark side is known; it is about 1 where all are
 
-  // k edges whose errors have variance v: the pose errs as if it had been found by k measurements of variance v.
-  void spread_to_pose(double variance_over_edges) noexcept {
+  // Edges that err with variance v, and effectively are k: the pose errs as if found by k measurements of variance v.
+  // @param variance_by_count v / k
+  void spread_to_pose(double variance_by_count) noexcept {
     using Matrix = Eigen::Matrix<double, kStates, kStates>;
     Matrix information;
     for (std::size_t k = 0; k < kStates; ++k)
@@ -81,11 +83,11 @@ class EdgeScatter {
         information(static_cast<int>(k), static_cast<int>(i)) = information(static_cast<int>(i), static_cast<int>(k)) =
             rows_[k][i] / rows_weight_;
     share_of_known_dark_sides_ = std::min(1.0, information(kStates - 1, kStates - 1));
-    information(kStates - 1, kStates - 1) += kNoInformation;
+    information(kStates - 1, kStates - 1) += kLeastInformation;
     const Eigen::LLT<Matrix> llt(information);
     const Matrix inverse = llt.solve(Matrix::Identity());
     if (llt.info() == Eigen::Success && inverse.allFinite())
-      covariance_ = variance_over_edges * inverse.topLeftCorner<6, 6>();
+      covariance_ = variance_by_count * inverse.topLeftCorner<6, 6>();
   }
 
   std::array<simd::Pair, kEdges> edges_{};  // of each, the sums of weight residual and of weight

@@ -57,7 +57,7 @@ class KalmanUpdate {
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
     edges_.add(c.segment, of_event.row[kResidual], of_event.weight);
-    if (++sampled_ % kSampled == 0) sample(of_event.row, of_event.weight);
+    if (++single_events_ % kSampleEvery == 0) sample(of_event.row, of_event.weight);
     statistics_.add({of_event.residual2, of_event.lever2, of_event.gradient2, us_since_update(c.t)});
   }
 
@@ -185,8 +185,8 @@ class KalmanUpdate {
   }
 
   /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
-  /// the pose and its covariance hold until then. Only for copies that predict a pose: it moves the time of a rule at
-  /// rest, which its next `update` needs to predict over the whole standstill.
+  /// the pose and its covariance hold until then. For copies that predict a pose, and after a gap: it moves the time of
+  /// a rule at rest on, from which its next `update` would predict over the whole standstill.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (signal_weight_ == 0) {
       forget_events();
@@ -223,8 +223,8 @@ class KalmanUpdate {
     if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
     return P;
   }
-  /// The same for a pose that is not late, and surely not another one.
-  /// @param delay_s2 variance of the delay by which it is late
+  /// The covariance without the part of another pose and, by default, without that of an unknown delay.
+  /// @param delay_s2 variance of an unknown delay, which shifts the pose along its twist [s^2]
   [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0) const noexcept {
     Matrix6d P;
     for (int k = 0; k < 6; ++k)
@@ -246,8 +246,8 @@ class KalmanUpdate {
   Vector6d twist() const noexcept { return state_.twist; }
   /// By how much events are late, as far as it is known [s]: a pose that they show is that of so much earlier.
   double delay_s() const noexcept { return settings_.latency_s + response_time_.delay_s(); }
-  /// How far the pixels' response time spreads the events of moving edges now, standard deviation [px]. On average over
-  /// their directions, the square of the edges' speed along their normals is half of that of the motion.
+  /// Standard deviation [px] by which the pixels' response time spreads the events of moving edges now. Averaged over
+  /// edges of all directions, the squared speed along the normal is half of the squared speed.
   double smear_px() const noexcept { return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s(); }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
@@ -264,7 +264,8 @@ class KalmanUpdate {
 
  private:
   static constexpr std::size_t kResidual = 6 + kBiases;  // in a row
-  static constexpr unsigned kSampled = simd::kLanes;     // one of so many events is sampled
+  static constexpr unsigned kSampleEvery =
+      simd::kLanes;  // of events added one by one; of a batch, the first is sampled
   // Motion between evaluations of the residuals, in standard deviations of the events' places: two to three times the
   // width of an edge.
   static constexpr double kEvaluationSpreads = 8;
@@ -298,8 +299,8 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // An edge's events lie on its dark side, within its width, and behind it. Another offset, or a negative trail,
-    // would come from other events.
+    // An edge's events lie on its dark side, within its width, and behind it. An offset beyond that, or a negative
+    // trail, can only come from events of something else.
     model_.bias_px[kOffset] = std::clamp(model_.bias_px[kOffset] + error.b[kOffset], 0.0, max_offset_px());
     model_.bias_px[kTrail] = std::max(0.0, model_.bias_px[kTrail] + error.b[kTrail]);
   }
@@ -353,6 +354,7 @@ class KalmanUpdate {
     model_.response_s = response_time_.delay_s();
     model_.noise_px_per_s = bound_.is_set() ? noise_per_s_ / bound_.events_per_px() : 0;
     const double lever2 = statistics_.lever2();
+    // Of the speed along one normal: a third of the variances, which are summed over three axes.
     const double variance =
         statistics_.gradient2() * (state_.translation_variance() + lever2 * state_.rotation_variance()) / 3;
     model_.speed_deviation_px_per_s =
@@ -401,7 +403,7 @@ class KalmanUpdate {
     const double lever2 = statistics_.lever2();
     bound_.measure(events, dt, noise_per_s_, statistics_.share(), std::sqrt(statistics_.gradient2()));
     const double by_velocity = carried(dt, *std::ranges::min_element(fading_));
-    // Edges move in the image by no more than they do in space, which is faster to compute.
+    // A quick check first: motion of no more than most_m() in space cannot show as more than most_px() in the image.
     const double sigma = std::sqrt(state_.translation_variance() + lever2 * state_.rotation_variance());
     if (by_velocity * std::max(edge_speed().all, sigma) <= bound_.most_m() || !gradients_.known()) return;
     const std::array<double, 6> v = state_.twist.array();
@@ -469,7 +471,7 @@ class KalmanUpdate {
   ModelMisfit misfit_;
   double edge_factor_ = 1;      // of the covariance by the edges' errors, by the misfit
   double max_distance_px_ = 2;  // of matched events
-  unsigned sampled_ = 0;        // events added one by one
+  unsigned single_events_ = 0;  // added one by one
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
   unsigned steps_ = 0;          // of the pose
   Vec6 to_other_pose_;          // see set_other_pose

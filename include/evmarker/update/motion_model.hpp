@@ -30,12 +30,12 @@ namespace detail {
 
 inline constexpr double kShort = 1.0 / 1024;  // of x: below, series are exact to 1e-9, and faster
 
-// (1 - exp(-x)) / x: the mean share of a velocity that is kept while it fades by exp(-x).
-[[gnu::always_inline]] inline double mean_kept_shortly(double x) noexcept { return 1 - x / 2 * (1 - x / 3); }
+// (1 - exp(-x)) / x for small x: the mean share of a velocity that is left while it fades to exp(-x).
+[[gnu::always_inline]] inline double mean_kept_series(double x) noexcept { return 1 - x / 2 * (1 - x / 3); }
 
 // Set what a step is along axis k.
 [[gnu::always_inline]] inline void set_short(MotionStep& step, std::size_t k, double dt, double fading) noexcept {
-  const double duration = std::abs(dt), x = duration * fading, mean = mean_kept_shortly(x);
+  const double duration = std::abs(dt), x = duration * fading, mean = mean_kept_series(x);
   step.pose_by_velocity[k] = dt * mean;
   step.velocity_kept[k] = 1 - x * mean;
   step.q_pose[k] = duration * duration * duration / 3 * (1 - x * (3.0 / 4 - x * 7 / 20));
@@ -56,7 +56,7 @@ inline void set_long(MotionStep& step, std::size_t k, double dt, double fading) 
 /// How far a velocity of 1 carries in a time dt [s] while it fades at a rate [1/s]: MotionStep::pose_by_velocity.
 inline double carried(double dt, double fading) noexcept {
   const double x = std::abs(dt) * fading;
-  return x < detail::kShort ? dt * detail::mean_kept_shortly(x) : std::copysign(-std::expm1(-x) / fading, dt);
+  return x < detail::kShort ? dt * detail::mean_kept_series(x) : std::copysign(-std::expm1(-x) / fading, dt);
 }
 
 /// @param dt duration [s]

@@ -9,12 +9,12 @@ namespace evmarker {
 /// Estimates by how much the events of a moving edge are late. A pixel follows the light like a low-pass of first
 /// order, whose time constant grows in the dark: its response has the standard deviation T and is late by T. So events
 /// lie behind an edge of speed v by T v, which motion alone cannot tell from another pose, and spread by T v more,
-/// which shows: their variance grows by T^2 v^2. Here it is regressed on 1, 1 / (v + v0) and v^2, by least squares that
-/// fade: at an edge of speed v the share of the noise, which lies anywhere, is v0 / (v + v0).
+/// which shows: their variance grows by T^2 v^2. Here it is regressed on 1, 1 / (v + v0) and v^2 by fading least
+/// squares. The second term is noise, which lies anywhere: of the events at an edge of speed v, it is the share v0 / (v
+/// + v0).
 class ResponseTime {
  public:
-  /// Adds an event. It need not be every one; a sample whose events do not follow each other at once errs more
-  /// independently.
+  /// Adds an event. A sample is enough: events that do not directly follow each other err more independently.
   /// @param residual_px of the event from its edge
   /// @param px_per_s speed of the edge along its normal
   void add(double residual_px, double px_per_s) noexcept {
@@ -31,7 +31,8 @@ class ResponseTime {
     sums_[7] += spread * u;
     sums_[8] += spread * v2;
     sums_[9] += spread * spread;
-    sums_[10] += (1 - 3 * r2) * by * by * by;  // half its second derivative: how it grows with the variance
+    sums_[10] +=
+        (1 - 3 * r2) * by * by * by;  // half the second derivative of `spread`: how its mean grows with the variance
     if (sums_[0] >= next_estimate_) [[unlikely]] {
       next_estimate_ *= 2;
       estimate();
@@ -58,7 +59,8 @@ class ResponseTime {
   // between two evaluations; standard deviations from which on the data are sure.
   static constexpr double kOfEdge_px2 = 0.1, kEdges = 4, kSurely = 5;
   static constexpr double kNoise_px_ms = 0.03;  // speed of an edge that makes as many events as 20 Hz/px of noise
-  static constexpr double kDeadTime_ms = 0.2;   // spread that some events of 0.05 ms dead time each make, without delay
+  static constexpr double kDeadTimeSpread_ms =
+      0.2;  // of the events of a passage, by 0.05 ms dead time after each, without delay
   static constexpr double square(double x) noexcept { return x * x; }
 
   // Not inlined: it is rare.
@@ -67,16 +69,16 @@ class ResponseTime {
     if (!std::isfinite(qq * yq)) sums_ = {};
     if (!(n > 0 && growth > 0)) return;
     const double by = n / growth;  // from the slope of `spread` to that of the variance
-    // The normal equations, without the mean and then without u.
+    // The normal equations: sums about the means; below, what u explains is taken out of them as well.
     const double Suu = uu - u * u / n, Squ = qu - q * u / n, Sqq = qq - q * q / n;
     const double Syu = yu - y * u / n, Syq = yq - y * q / n, variance = (yy - y * y / n) / n;
-    // More of the events of slow edges are noise, never fewer: a spread that grows with the speed and then no more, as
-    // the matching distance cuts it off, must not look like a negative share of noise.
+    // u is used only if its coefficient is positive, as noise has a larger share at slow edges. Else a spread that
+    // stops growing with the speed, cut off by the matching distance, would look like negative noise.
     const bool noisy = Suu > 0 && Syu * Sqq > Syq * Squ;
-    const double noise = noisy ? Squ / Suu : 0;
-    const double Sqq_rest = std::max(0.0, Sqq - noise * Squ), Syq_rest = Syq - noise * Syu;
-    // The slope by Syq_rest / Sqq_rest, with an assumption about it that counts as much as its deviation says. Where
-    // the data surely say otherwise, as of a sensor in dim light, it is of no use.
+    const double q_by_u = noisy ? Squ / Suu : 0;
+    const double Sqq_rest = std::max(0.0, Sqq - q_by_u * Squ), Syq_rest = Syq - q_by_u * Syu;
+    // The slope Syq_rest / Sqq_rest with a prior of mean 0 and deviation kUsual_ms2. Where the data surely contradict
+    // that, as in dim light, the prior's deviation grows to a third of the slope, which then hardly shrinks.
     const double of_events = variance * by * by, of_edges = n * square(kOfEdge_px2) / (kEdges * (evaluations_ + 0.25));
     const double of_data = Sqq_rest > 0 ? std::max(0.0, by * Syq_rest / Sqq_rest) : 0;
     const double surely2 = Sqq_rest > 0 ? square(of_data) - square(kSurely) * (of_events + of_edges) / Sqq_rest : 0;
@@ -84,10 +86,10 @@ class ResponseTime {
     const double T2 = std::max(0.0, by * Syq_rest / (Sqq_rest + assumed)),
                  sigma = std::sqrt(of_events / (Sqq_rest + assumed));
     if (std::isfinite(T2 + sigma)) {
-      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTime_ms * kDeadTime_ms);
+      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTimeSpread_ms * kDeadTimeSpread_ms);
       delay_s_ = 1e-3 * std::sqrt(late2);
-      // Of what is beyond it, nobody knows how much is a delay; nor is it known better than to a half: a pixel's dead
-      // time spreads its events, too.
+      // How much of T beyond delay_s_ is a delay is not known, and delay_s_ itself only to a half: a pixel's dead time
+      // spreads its events, too.
       delay_variance_s2_ = square(1e-3 * std::sqrt(T2) - delay_s_) + square(0.5 * delay_s_);
     }
   }

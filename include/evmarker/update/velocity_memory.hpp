@@ -10,12 +10,12 @@
 
 namespace evmarker {
 
-/// Tells for each axis how fast the velocity fades. To let a velocity fade that is right is to brake the marker in the
-/// model: the pose then lags behind in steady motion, most where a motion hardly shows, as that toward the camera. To
-/// keep one that is wrong carries noise on, and carries a marker on that has stopped. Two things confirm a velocity:
-/// that there are as many events as edges of that speed should make, and, axis by axis, that the measurements put back
-/// what has faded, unless events come much more rarely than a moment ago. The corrections of a velocity that is right
-/// point in its own direction; those that noise makes, in either.
+/// Tells for each axis how fast the velocity fades. If a right velocity fades, the pose lags behind in steady motion,
+/// most where motion hardly shows, as that toward the camera. If a wrong one is kept, noise moves the marker on, or a
+/// marker that has stopped goes on. Either of two things confirms a velocity: there are as many events as edges of that
+/// speed should make; or, axis by axis, the corrections by the measurements put back what has faded. Corrections of a
+/// right velocity point in its own direction, those that noise makes in either. After a pause, in which the marker may
+/// have stopped, the second counts less.
 class VelocityMemory {
  public:
   /// Adds the speed of an event's edge along its normal [px/s]. Not every event need be added, only a fair sample.
@@ -41,7 +41,7 @@ class VelocityMemory {
   }
 
   /// Adds what a step did to the velocity.
-  /// @param before,faded velocity before the step and when the measurements corrected it [m/s, rad/s]
+  /// @param before,faded velocity before the step, and when it has faded but is not corrected yet [m/s, rad/s]
   /// @param correction by the measurements
   void add_step(const Vec6& before, const Vec6& faded, const Vec6& correction) noexcept {
     const std::array<double, 6> v = before.array(), lost = (before - faded).array(), gained = correction.array();
@@ -56,9 +56,9 @@ class VelocityMemory {
 
   /// Rates at which the velocity fades along each axis [1/s]. What was put back longer ago counts less from now on.
   /// @param fastest,slowest for a velocity that nothing confirms, and for one that everything does
-  /// @param velocity2,variance of the velocity, squared, and its variance, in equal units: below its own standard
-  /// deviation, a velocity is not known
-  /// @param signal share of the events that are no noise, which confirms the small velocity that it makes itself
+  /// @param velocity2,variance square of the velocity, and its variance, in the same units: a velocity below its own
+  /// standard deviation counts as unknown
+  /// @param signal weight of the events (BackgroundShare): noise would confirm the small velocity that it makes itself
   std::array<double, 6> fading(double fastest, double slowest, double velocity2, double variance,
                                double signal) noexcept {
     const double ratio = expected_ > 0 ? events_ / expected_ : 0;
@@ -81,7 +81,7 @@ class VelocityMemory {
   // Shares of the expected events. In steady motion there are 0.6 to 1.1 times as many as expected: fewer while edges
   // are hidden or move along themselves.
   static constexpr double kTooFew = 0.4, kEnough = 0.7;
-  static constexpr double kPause = 4;  // times the usual duration of an update, and the marker may have stopped in it
+  static constexpr double kPause = 4;  // usual updates: in a longer one, the marker may have stopped
   // Over which what fades and what is put back are compared: a marker that stops is noticed within it.
   static constexpr double kMemory_s = 0.05;
 
