@@ -70,7 +70,7 @@ class EventCollector {
       const bool inside = (event.x >= 0) & (event.x < width) & (event.y >= 0) & (event.y < height);
       added[on_sensor] = {static_cast<std::uint16_t>(event.x), static_cast<std::uint16_t>(event.y),
                           static_cast<std::int16_t>(event.on ? 1 : 0), event.t};
-      steps_back += inside & (event.t < last) ? 1U : 0U;
+      steps_back += static_cast<std::uint64_t>(inside & (event.t < last));
       last = inside ? event.t : last;
       on_sensor += inside ? 1U : 0U;
     }
