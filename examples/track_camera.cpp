@@ -11,6 +11,7 @@
 #include <evmarker/live/pipeline.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
+#include <exception>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -270,7 +271,11 @@ void track(const CameraOptions& options, const PinholeCamera& camera, const type
       [&](const TriggerEvent& trigger) { pipeline.push(trigger); });
   const struct Stop {  // also after an exception: the camera's thread uses the pipeline
     Source& source;
-    ~Stop() try { source.stop(); } catch (const std::exception&) {  // after another one, which is reported
+    ~Stop() {
+      try {
+        source.stop();
+      } catch (const std::exception&) {  // of a camera that has failed: why is reported already
+      }
     }
   } stop{source};
   const auto start = live::Clock::now();
