@@ -64,14 +64,16 @@ class Aedat3Reader final : public StreamingReader {
       return time_base_ + static_cast<std::int32_t>(load_word<std::uint32_t>(&events[kEventBytes * i + 4]));
     };
     const auto is_valid = [&](std::size_t i) { return (data(i) & 1U) != 0; };
-    for (std::size_t begin = 0, end = 0; begin < count; begin = end + 1) {
-      for (end = begin; end < count && is_valid(end); ++end)
-        if (type_ != kPolarity) add_special(data(end) >> 1U & 0x7FU, time(end));
-      if (type_ == kPolarity)
-        collector_.add_each(end - begin, [&](std::size_t i) {
-          const std::uint32_t event = data(begin + i);
-          return RecordedEvent{event >> 17U, event >> 2U & 0x7FFFU, (event >> 1U & 1U) != 0, time(begin + i)};
-        });
+    if (type_ == kSpecial)
+      for (std::size_t i = 0; i < count; ++i)
+        if (is_valid(i)) add_special(data(i) >> 1U & 0x7FU, time(i));
+    // Events that are marked invalid, which are few, are left out between the others.
+    for (std::size_t begin = 0, end = 0; type_ == kPolarity && begin < count; begin = end + 1) {
+      for (end = begin; end < count && is_valid(end);) ++end;
+      collector_.add_each(end - begin, [&](std::size_t i) {
+        const std::uint32_t event = data(begin + i);
+        return RecordedEvent{event >> 17U, event >> 2U & 0x7FFFU, (event >> 1U & 1U) != 0, time(begin + i)};
+      });
     }
     bytes_.skip(events.size());
     events_left_ -= events.size() / kEventBytes;

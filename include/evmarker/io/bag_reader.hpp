@@ -50,8 +50,8 @@ class BagReader : public StreamingReader {
     }
     if (!read_bytes(bytes, "chunk")) return false;
     chunk_ = read_part(bytes_.path(), "chunk", begin_, [&] { return decompressor_->decompress(packet_); });
-    // A message of the chunk may take as much again.
     packet_ = {};
+    // A message of the chunk may take as much again.
     if (pieces_.size() > kMostKept) pieces_ = std::vector<std::byte>();
     return true;
   }

@@ -39,6 +39,7 @@ class EventCollector {
     triggers_.clear();
   }
 
+  /// Adds one event; `add_each`, which does the same to many, would take longer for it.
   /// @throws RecordingError where a shifted time does not fit into 64 bits
   void add(std::int64_t x, std::int64_t y, bool on, Timestamp t) {
     if (x < 0 || x >= size_.width || y < 0 || y >= size_.height) {
