@@ -432,6 +432,25 @@ TEST_CASE("the trail's first guess: half of a contrast step of an edge as wide a
   }
 }
 
+TEST_CASE("a measured trail moves the pose as it moves the state, which is some events older") {
+  const auto events = trailing_events(100000, 0.2, 0.4);
+  for (const int n : {20, 100}) {
+    Follower fed = follower(swaying(0), n);
+    Timestamp t = 0;
+    for (const PolarSight& event : events)
+      if (fed.push(event.m, event.t, event.polarity).updated) t = event.t;
+    KalmanUpdate older = fed.rule(), present = fed.rule();
+    Isometry3d T = fed.T_camera_marker(), T_of_present = T;
+    present.extrapolate(T_of_present, t);  // brings the state to the pose's time, and leaves the pose
+    REQUIRE(translation_error(T, T_of_present) < 1e-9);
+    older.measure_trail(T, 3);
+    present.measure_trail(T_of_present, 3);
+    const double moved = translation_error(T, fed.T_camera_marker()), apart = translation_error(T, T_of_present);
+    MESSAGE("n = " << n << ": moved by " << 1e6 * moved << " um, " << 1e6 * apart << " um apart");
+    CHECK(apart < 1e-4 * moved);
+  }
+}
+
 TEST_CASE("what the events do not say has not moved: after a rest the pose stays, and is known") {
   const Vector3d v(0.25, -0.15, 0.2), w(0.8, -0.6, 1.5);
   const Trajectory motion = trajectory::linear(kTruth, v, w);

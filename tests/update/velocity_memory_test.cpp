@@ -98,6 +98,12 @@ TEST_CASE("what was put back does not count after a pause") {
   CHECK(fading(memory) == doctest::Approx(kSlowest));
 }
 
+TEST_CASE("the first update comes after no pause") {
+  VelocityMemory memory;
+  add_steps(memory, 1, [](int) { return std::array{1.0, 1.0, 1.0, 1.0, 1.0, 1.0}; });
+  CHECK(fading(memory) == doctest::Approx(kSlowest));
+}
+
 TEST_CASE("what was put back long ago does not count") {
   VelocityMemory memory = fed(20);
   const auto all = [](double put_back) {

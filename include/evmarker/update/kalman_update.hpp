@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
@@ -129,7 +130,8 @@ class KalmanUpdate {
     const double edge_speed = norm(twist.t) + std::sqrt(statistics_.lever2()) * norm(twist.r);
     // From the state's time, the mean of the events', to t; but no farther than the motion is bounded to.
     const double lead_s = std::min(dt - mean_dt, bound_.most_m() / edge_speed);
-    if (lead_s != 0) step = step + motion_step(lead_s, fading_).moved(twist);
+    const Vec6 lead = lead_s != 0 ? motion_step(lead_s, fading_).moved(twist) : Vec6();
+    step = step + lead;
     const Vec2 biases{error.b[kOffset], error.b[kTrail]};
     if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
@@ -141,6 +143,7 @@ class KalmanUpdate {
     state_.twist = twist;
     update_motion_of_model();
     lead_s_ = lead_s;
+    lead_ = lead;
     correct_biases(error);
     return good;
   }
@@ -172,7 +175,10 @@ class KalmanUpdate {
     response_time_ = {};  // the first events were those of a start that was off
     ErrorState error;
     if (measurements_.correct(state_.P, error, 1 / squared(sigma_px))) correct_biases(error);
-    perturb(T_camera_marker, pose(error));
+    // The error is that at the state's own time; from there to the pose, the velocity's correction moves it, too.
+    const Vec6 of_lead = motion_step(lead_s_, fading_).moved(velocity(error));
+    perturb(T_camera_marker, pose(error) + of_lead);
+    lead_ = lead_ + of_lead;
     state_.twist = state_.twist + velocity(error);
     forget_events();
   }
@@ -202,6 +208,7 @@ class KalmanUpdate {
   void transform(const Matrix6d& J) noexcept {
     forget_events();
     state_.transform(J);
+    lead_ = Vec6(Vector6d(J * Vector6d(lead_)));
     update_motion_of_model();
   }
 
@@ -438,9 +445,8 @@ class KalmanUpdate {
   // Predicts the state from its own time, lead_s_ before the pose, to `after_pose_s` after the pose. Returns the motion
   // from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
-    const double dt = lead_s_ + after_pose_s;
-    const Vec6 moved_already = lead_s_ != 0 ? motion_step(lead_s_, fading_).moved(state_.twist) : Vec6();
-    lead_s_ = 0;
+    const double dt = std::exchange(lead_s_, 0) + after_pose_s;
+    const Vec6 moved_already = std::exchange(lead_, Vec6());
     // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
     // goes back to it.
     if (dt == 0) return -1 * moved_already;
@@ -455,6 +461,7 @@ class KalmanUpdate {
   Settings settings_;
   KalmanState state_;  // at the mean time of its last events
   double lead_s_ = 0;  // from there to the pose
+  Vec6 lead_;          // by how much the pose was moved for it
   // Time of the pose [us], exact to 2^53. Infinite before the first update, so that us_since_update() is 0.
   double t_us_ = kInfinity;
   MeasurementModel model_;

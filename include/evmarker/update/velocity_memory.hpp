@@ -33,9 +33,9 @@ class VelocityMemory {
     speeds_px_s_ = samples_ = 0;
     events_ += share * (events - events_);
     expected_ += share * (events_per_px * px_per_s_ * dt - expected_);
-    const double pause_s = kPause * usual_s_;
+    const double usual_s = usual_s_ > 0 ? usual_s_ : dt, pause_s = kPause * usual_s;  // the first is taken as usual
     goes_on_ = dt > pause_s ? pause_s / dt : 1;
-    usual_s_ += share * ((pause_s > 0 ? std::min(dt, pause_s) : dt) - usual_s_);
+    usual_s_ = usual_s + share * (std::min(dt, pause_s) - usual_s);
     since_s_ += dt;
     if (!std::isfinite(expected_ + usual_s_)) *this = {};
   }
@@ -88,7 +88,7 @@ class VelocityMemory {
   double speeds_px_s_ = 0, samples_ = 0;        // sum and number of the speeds since the last update
   double px_per_s_ = 0;                         // running mean of the speeds
   double events_ = 0, expected_ = 0;            // running means by update
-  double usual_s_ = 0;                          // running mean of the duration, a pause cut short
+  double usual_s_ = 0;                          // running mean of the duration, a pause cut short; 0 at first
   double goes_on_ = 1;                          // 1 unless this update took much longer, then less
   double since_s_ = 0;                          // the rates were last asked for
   std::array<double, 6> put_back_{}, faded_{};  // fading sums, times the velocity, by axis
