@@ -58,7 +58,7 @@ class KalmanUpdate {
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
     edges_.add(c.segment, of_event.row[kResidual], of_event.weight);
-    if (++single_events_ % kSampleEvery == 0) sample(of_event.row, of_event.weight);
+    if (++single_events_ % kSampleEvery == 0) sample(of_event.row, of_event.weight, c.polarity);
     statistics_.add({of_event.residual2, of_event.lever2, of_event.gradient2, us_since_update(c.t)});
   }
 
@@ -88,7 +88,7 @@ class KalmanUpdate {
     for (std::size_t i = 0; i < c.count; ++i) edges_.add(c.segment[i], rows[kResidual][i], weights[i]);
     MeasurementRow sampled;
     for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) sampled[k] = rows[k][0];
-    sample(sampled, weights[0]);
+    sample(sampled, weights[0], c.polarity[0]);
     statistics_.add({simd::sum(residual2), simd::sum(lever2), simd::sum(gradient2), simd::sum(since)});
   }
 
@@ -312,12 +312,15 @@ class KalmanUpdate {
     model_.bias_px[kTrail] = std::max(0.0, model_.bias_px[kTrail] + error.b[kTrail]);
   }
 
-  [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight) noexcept {
+  [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight, double polarity) noexcept {
     edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
     gradients_.add({row[0], row[1], row[2], row[3], row[4], row[5]});
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
-    if (signal_weight_ == 1) response_time_.add(row[kResidual], px_per_s);  // noise at rest spreads anywhere
+    // Noise at rest spreads anywhere. `row` has -s p / c: its event's polarity fits the motion, or its side is not
+    // known.
+    const bool fits = -row[6 + kTrail] * model_.time_direction * px_per_s >= 0;
+    if (signal_weight_ == 1) response_time_.add(row[kResidual], px_per_s, fits ? polarity : 0);
     velocity_memory_.add_speed(px_per_s);
   }
 

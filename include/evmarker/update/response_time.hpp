@@ -4,20 +4,23 @@
 #include <array>
 #include <cmath>
 
+#include "evmarker/update/dark_response.hpp"
+
 namespace evmarker {
 
 /// Estimates by how much the events of a moving edge are late. A pixel follows the light like a low-pass of first
 /// order, whose time constant grows in the dark: its response has the standard deviation T and is late by T. So events
 /// lie behind an edge of speed v by T v, which motion alone cannot tell from another pose, and spread by T v more,
-/// which shows: their variance grows by T^2 v^2. Here it is regressed on 1, 1 / (v + v0) and v^2 by fading least
-/// squares. The second term is noise, which lies anywhere: of the events at an edge of speed v, it is the share v0 / (v
-/// + v0).
+/// which shows in two ways. First, their variance grows by T^2 v^2. Here it is regressed on 1, 1 / (v + v0) and v^2 by
+/// fading least squares. The second term is noise, which lies anywhere: of the events at an edge of speed v, it is the
+/// share v0 / (v + v0). Second, OFF events spread farther than ON events, see DarkResponse.
 class ResponseTime {
  public:
   /// Adds an event. A sample is enough: events that do not directly follow each other err more independently.
   /// @param residual_px of the event from its edge
   /// @param px_per_s speed of the edge along its normal
-  void add(double residual_px, double px_per_s) noexcept {
+  /// @param polarity 1 ON, -1 OFF, 0 unknown or of another motion
+  void add(double residual_px, double px_per_s, double polarity = 0) noexcept {
     const double v = 1e-3 * std::abs(px_per_s), u = 1 / (v + kNoise_px_ms), v2 = v * v, r2 = residual_px * residual_px;
     // A bounded function of the residual in place of its square, so that noise far from the edge counts little.
     const double by = 1 / (1 + r2), spread = r2 * by;
@@ -31,8 +34,10 @@ class ResponseTime {
     sums_[7] += spread * u;
     sums_[8] += spread * v2;
     sums_[9] += spread * spread;
-    sums_[10] +=
-        (1 - 3 * r2) * by * by * by;  // half the second derivative of `spread`: how its mean grows with the variance
+    // Half the second derivative of `spread`: how its mean grows with the variance.
+    const double growth = (1 - 3 * r2) * by * by * by;
+    sums_[10] += growth;
+    if (polarity != 0) dark_.add(polarity > 0, spread, growth, v2);
     if (sums_[0] >= next_estimate_) [[unlikely]] {
       next_estimate_ *= 2;
       estimate();
@@ -43,16 +48,20 @@ class ResponseTime {
   void evaluate() noexcept {
     estimate();
     for (double& sum : sums_) sum *= kKept;
+    dark_.fade(kKept);
     evaluations_ = kKept * evaluations_ + 1;
   }
 
-  /// Least delay of the events [s]: the root of T^2 less two standard deviations and the spread of a usual dead time; 0
-  /// where they show none.
-  double delay_s() const noexcept { return delay_s_; }
+  /// Least delay of the events that their spread shows [s]; 0 where it shows none.
+  double delay_s() const noexcept { return delay_.s; }
   /// Variance of the true delay about it [s^2].
-  double delay_variance_s2() const noexcept { return delay_variance_s2_; }
+  double delay_variance_s2() const noexcept { return delay_.variance_s2; }
 
  private:
+  struct Delay {
+    double s = 0, variance_s2 = 0;  // least delay, and variance of the true one about it
+  };
+
   static constexpr double kKept = 0.97;      // of the sums, from one evaluation to the next
   static constexpr double kUsual_ms2 = 0.1;  // standard deviation of T^2 where nothing is known [ms^2]
   // Deviation of the events' variance from edge to edge for other reasons than speed; edges that err independently
@@ -65,9 +74,30 @@ class ResponseTime {
 
   // Not inlined: it is rare.
   [[gnu::noinline]] void estimate() noexcept {
+    if (const double speed4 = sums_[5], spread_speed2 = sums_[8]; !std::isfinite(speed4 * spread_speed2)) {
+      sums_ = {};
+      dark_ = {};
+    }
+    dark_.estimate(of_edges_px4());
+    const Delay of_dark = delay_by_dark(), of_growth = delay_by_growth();
+    delay_ = {std::max(of_growth.s, of_dark.s), std::max(of_growth.variance_s2, of_dark.variance_s2)};
+  }
+
+  // Variance of the variance of events, as edges differ.
+  double of_edges_px4() const noexcept { return square(kOfEdge_px2) / (kEdges * (evaluations_ + 0.25)); }
+
+  // An edge that brightens is followed at once, one that darkens is late by the dark's time constant: half of it on
+  // average, and somewhat less as robust weights count the latest events less. It is more, by up to the time constant,
+  // where pixels see so little light that even those that brighten are late.
+  Delay delay_by_dark() const noexcept {
+    constexpr double kMean = 0.4, kDeviation = 0.5;
+    return {kMean * dark_.least_s(), square(kDeviation * dark_.most_s())};
+  }
+
+  // T^2 less two standard deviations and the spread of a usual dead time.
+  Delay delay_by_growth() const noexcept {
     const auto& [n, u, uu, q, qu, qq, y, yu, yq, yy, growth] = sums_;  // q = v^2
-    if (!std::isfinite(qq * yq)) sums_ = {};
-    if (!(n > 0 && growth > 0)) return;
+    if (!(n > 0 && growth > 0)) return {};
     const double by = n / growth;  // from the slope of `spread` to that of the variance
     // The normal equations: sums about the means; below, what u explains is taken out of them as well.
     const double Suu = uu - u * u / n, Squ = qu - q * u / n, Sqq = qq - q * q / n;
@@ -79,25 +109,25 @@ class ResponseTime {
     const double Sqq_rest = std::max(0.0, Sqq - q_by_u * Squ), Syq_rest = Syq - q_by_u * Syu;
     // The slope Syq_rest / Sqq_rest with a prior of mean 0 and deviation kUsual_ms2. Where the data surely contradict
     // that, as in dim light, the prior's deviation grows to a third of the slope, which then hardly shrinks.
-    const double of_events = variance * by * by, of_edges = n * square(kOfEdge_px2) / (kEdges * (evaluations_ + 0.25));
+    const double of_events = variance * by * by;
     const double of_data = Sqq_rest > 0 ? std::max(0.0, by * Syq_rest / Sqq_rest) : 0;
-    const double surely2 = Sqq_rest > 0 ? square(of_data) - square(kSurely) * (of_events + of_edges) / Sqq_rest : 0;
+    const double surely2 =
+        Sqq_rest > 0 ? square(of_data) - square(kSurely) * (of_events + n * of_edges_px4()) / Sqq_rest : 0;
     const double assumed = of_events / std::max(square(kUsual_ms2), surely2 / 9);
     const double T2 = std::max(0.0, by * Syq_rest / (Sqq_rest + assumed)),
                  sigma = std::sqrt(of_events / (Sqq_rest + assumed));
-    if (std::isfinite(T2 + sigma)) {
-      const double late2 = std::max(0.0, T2 - 2 * sigma - kDeadTimeSpread_ms * kDeadTimeSpread_ms);
-      delay_s_ = 1e-3 * std::sqrt(late2);
-      // How much of T beyond delay_s_ is a delay is not known, and delay_s_ itself only to a half: a pixel's dead time
-      // spreads its events, too.
-      delay_variance_s2_ = square(1e-3 * std::sqrt(T2) - delay_s_) + square(0.5 * delay_s_);
-    }
+    if (!std::isfinite(T2 + sigma)) return {};
+    const double late_s = 1e-3 * std::sqrt(std::max(0.0, T2 - 2 * sigma - square(kDeadTimeSpread_ms)));
+    // How much of T beyond that is a delay is not known, and that itself only to a half: a pixel's dead time spreads
+    // its events, too.
+    return {late_s, square(1e-3 * std::sqrt(T2) - late_s) + square(0.5 * late_s)};
   }
 
   double evaluations_ = 0;         // as they fade
   double next_estimate_ = 1024;    // samples at which the next early estimate is made
   std::array<double, 11> sums_{};  // of n, u, u^2, v^2 [px^2/ms^2], v^2 u, v^4, spread, its products, and its growth
-  double delay_s_ = 0, delay_variance_s2_ = 0;
+  DarkResponse dark_;
+  Delay delay_;
 };
 
 }  // namespace evmarker
