@@ -9,7 +9,7 @@ using namespace evmarker;
 
 namespace {
 
-constexpr double kOfEdges_px4 = 0.01 / 40;
+constexpr double kMaxDistance_px = 2, kOfEdges_px4 = 0.01 / 40;
 
 // Of edges of up to 0.5 px/ms: pixels that brighten are late by an exponential time of mean `bright_ms`, pixels that
 // darken by one of mean `dark_ms`, about which the pose lies in the mean; they err by `on_px` and `off_px` beside.
@@ -27,10 +27,10 @@ DarkResponse response_of(const Pixels& pixels, int events, unsigned seed, double
     const double speed = 0.5 * unit(random), T = on ? pixels.bright_ms : pixels.dark_ms,
                  late_ms = -T * std::log(1 - unit(random)) - T;
     const double residual = (on ? pixels.on_px : pixels.off_px) * normal(random) + speed * late_ms,
-                 r2 = residual * residual, by = 1 / (1 + r2);
-    response.add(on, r2 * by, (1 - 3 * r2) * by * by * by, speed * speed);
+                 r2 = residual * residual;
+    if (std::abs(residual) < kMaxDistance_px) response.add(on, r2 / (1 + r2), speed * speed);
   }
-  response.estimate(of_edges_px4);
+  response.estimate(kMaxDistance_px, of_edges_px4);
   return response;
 }
 

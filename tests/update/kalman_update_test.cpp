@@ -373,6 +373,21 @@ TEST_CASE("a trail that is known holds, and the pose does not trail") {
   CHECK(error < 0.5 * trailing);
 }
 
+TEST_CASE("events trail by a contrast step at most, whatever else lies behind the edges, but by what the user states") {
+  constexpr double kEventsPerPassage = 10, kTrail_px = 0.4;
+  const double most_px = 2 * expected_trail_px(1, kEventsPerPassage);  // edges are sharp: of one pixel's width
+  const auto events = trailing_events(500000, 0.2, kTrail_px);
+  Follower learned = follower(swaying(0), 20), bounded = learned,
+           stated = follower(swaying(0), 20, {.initial_sigma_trail_px = 1e-3, .initial_trail_px = 0.3});
+  for (Follower* of : {&bounded, &stated}) of->set_events_per_passage(kEventsPerPassage);
+  for (Follower* of : {&learned, &bounded, &stated}) mean_error(*of, events, Polarity::told);
+  CHECK(std::abs(learned.rule().trail_px() - kTrail_px) < 0.01);
+  CHECK(bounded.rule().trail_px() <= most_px);
+  CHECK(bounded.rule().trail_px() > 0.9 * most_px);
+  CHECK(stated.rule().trail_px() > 2 * most_px);
+  CHECK(stated.rule().trail_px() <= 0.3);
+}
+
 TEST_CASE("how far events trail is learned when the motion turns, and the pose does not trail") {
   for (const auto& truth : {std::pair{0.0, 0.4}, {0.2, 0.4}, {0.3, 0.2}, {0.2, 0.0}})
     for (const int n : {1, 20, 100}) {

@@ -15,28 +15,26 @@ class DarkResponse {
  public:
   /// Adds an event of a moving edge.
   /// @param on it got brighter
-  /// @param spread a bounded function of the squared residual [px^2]
-  /// @param growth by how much the mean of `spread` grows with the variance of the residuals
+  /// @param bounded_r2 r^2 / (1 + r^2), r its residual [px]: noise far from the edge counts little
   /// @param speed2 of its edge along the normal, squared [px^2/ms^2]
-  void add(bool on, double spread, double growth, double speed2) noexcept {
+  void add(bool on, double bounded_r2, double speed2) noexcept {
     Sums& sums = on ? on_ : off_;
     // Weighed by what the time constant adds to the variance: noise has its share in the events of slow edges.
     sums.weight += speed2;
     sums.weight2 += speed2 * speed2;
-    sums.spread += speed2 * spread;
-    sums.spread2 += speed2 * spread * spread;
-    sums.growth += speed2 * growth;
+    sums.r2 += speed2 * bounded_r2;
+    sums.r4 += speed2 * bounded_r2 * bounded_r2;
   }
 
   /// Evaluates what has been added.
-  /// @param of_edges_px2 variance of what edges differ in for other reasons, of all edges together [px^4]
-  void estimate(double of_edges_px4) noexcept {
-    const double growth = on_.growth_mean() + off_.growth_mean(), speed2 = on_.speed2_mean() + off_.speed2_mean();
-    if (!(on_.weight > 0 && off_.weight > 0 && growth > 0)) return;
-    const double by = 4 / (growth * speed2);  // from the difference of the spreads to T^2
-    const double T2 = by * (off_.spread_mean() - on_.spread_mean());
-    const double deviation = std::sqrt(by * by * (on_.variance_of_mean() + off_.variance_of_mean()) +
-                                       4 / (speed2 * speed2) * 2 * of_edges_px4);
+  /// @param max_distance_px matching distance, beyond which no events are seen
+  /// @param of_edges_px4 variance of the events' variance from edge to edge, of all edges together
+  void estimate(double max_distance_px, double of_edges_px4) noexcept {
+    if (!(on_.weight > 0 && off_.weight > 0)) return;
+    const double even = 1 - std::atan(max_distance_px) / max_distance_px, speed2 = (on_.speed2() + off_.speed2()) / 2;
+    const Estimate on = on_.variance_px2(even), off = off_.variance_px2(even);
+    const double T2 = (off.value - on.value) / speed2,
+                 deviation = std::sqrt(on.variance + off.variance + 2 * of_edges_px4) / speed2;
     if (!std::isfinite(T2 + deviation)) return;
     least_s_ = 1e-3 * std::sqrt(std::max(0.0, T2 - kSurely * deviation));
     most_s_ = least_s_ > 0 ? 1e-3 * std::sqrt(T2 + kSurely * deviation) : 0;
@@ -54,20 +52,27 @@ class DarkResponse {
   double most_s() const noexcept { return most_s_; }
 
  private:
+  struct Estimate {
+    double value = 0, variance = 0;
+  };
   struct Sums {
-    double weight = 0, weight2 = 0, spread = 0, spread2 = 0, growth = 0;
+    double weight = 0, weight2 = 0, r2 = 0, r4 = 0;
 
-    double spread_mean() const noexcept { return spread / weight; }
-    double growth_mean() const noexcept { return growth / weight; }
-    double speed2_mean() const noexcept { return weight2 / weight; }
-    double variance_of_mean() const noexcept {
-      return (spread2 / weight - spread_mean() * spread_mean()) * weight2 / (weight * weight);
+    double speed2() const noexcept { return weight2 / weight; }
+    // Variance of the events about their edge, those that are not seen included: events that lie evenly over the
+    // matching distance, for which the mean of the bounded r^2 is `even`, could come from anywhere. It is right to 10 %
+    // for normal distributions.
+    Estimate variance_px2(double even) const noexcept {
+      const double mean = r2 / weight, seen = std::max(kLeastSeen, 1 - mean / even);
+      const double variance_of_mean = (r4 / weight - mean * mean) * weight2 / (weight * weight);
+      return {mean / seen, variance_of_mean / (seen * seen * seen * seen)};
     }
     void fade(double kept) noexcept {
-      for (double* sum : {&weight, &weight2, &spread, &spread2, &growth}) *sum *= kept;
+      for (double* sum : {&weight, &weight2, &r2, &r4}) *sum *= kept;
     }
   };
-  static constexpr double kSurely = 2;  // standard deviations
+  static constexpr double kLeastSeen = 0.05;  // at which all variances look alike
+  static constexpr double kSurely = 2;        // standard deviations
 
   Sums on_, off_;
   double least_s_ = 0, most_s_ = 0;

@@ -306,10 +306,11 @@ class KalmanUpdate {
   }
 
   void correct_biases(const ErrorState& error) noexcept {
-    // An edge's events lie on its dark side, within its width, and behind it. An offset beyond that, or a negative
-    // trail, can only come from events of something else.
+    // An edge's events lie on its dark side, within its width, and behind it, by a whole contrast step at most. An
+    // offset or a trail beyond that can only come from events of something else: amid leak events, or where pixels are
+    // slow, the trail would grow without end.
     model_.bias_px[kOffset] = std::clamp(model_.bias_px[kOffset] + error.b[kOffset], 0.0, max_offset_px());
-    model_.bias_px[kTrail] = std::max(0.0, model_.bias_px[kTrail] + error.b[kTrail]);
+    model_.bias_px[kTrail] = std::clamp(model_.bias_px[kTrail] + error.b[kTrail], 0.0, most_trail_px_);
   }
 
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight, double polarity) noexcept {
@@ -326,7 +327,7 @@ class KalmanUpdate {
 
   [[gnu::noinline]] void evaluate_residuals() noexcept {
     edges_.evaluate();
-    response_time_.evaluate();
+    response_time_.evaluate(max_distance_px_);
     moved_px_ = 0;
   }
 
@@ -348,10 +349,12 @@ class KalmanUpdate {
   // Once in some updates, as it takes its time.
   [[gnu::noinline]] void measure_misfit() noexcept {
     if (signal_weight_ == 1) misfit_.measure_spread(statistics_.spread_px2(), max_distance_px_, smear_px());
-    // Where it is not known which side of an edge is dark, the filter does not correct the trail.
-    if (bound_.is_set())
-      misfit_.compare_trails(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail],
-                             expected_trail_px(edge_width_px(), bound_.events_per_passage()));
+    if (bound_.is_set()) {
+      const double by_width_px = expected_trail_px(edge_width_px(), bound_.events_per_passage());
+      most_trail_px_ = std::max(2 * by_width_px, settings_.initial_trail_px);  // the width tells half a step
+      // Where it is not known which side of an edge is dark, the filter does not correct the trail.
+      misfit_.compare_trails(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail], by_width_px);
+    }
     edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
   }
 
@@ -479,12 +482,13 @@ class KalmanUpdate {
   EdgeGradients gradients_;
   ResponseTime response_time_;
   ModelMisfit misfit_;
-  double edge_factor_ = 1;      // of the covariance by the edges' errors, by the misfit
-  double max_distance_px_ = 2;  // of matched events
-  unsigned single_events_ = 0;  // added one by one
-  double moved_px_ = 0;         // by the edges, since the residuals were evaluated
-  unsigned steps_ = 0;          // of the pose
-  Vec6 to_other_pose_;          // see set_other_pose
+  double most_trail_px_ = kInfinity;  // a whole contrast step
+  double edge_factor_ = 1;            // of the covariance by the edges' errors, by the misfit
+  double max_distance_px_ = 2;        // of matched events
+  unsigned single_events_ = 0;        // added one by one
+  double moved_px_ = 0;               // by the edges, since the residuals were evaluated
+  unsigned steps_ = 0;                // of the pose
+  Vec6 to_other_pose_;                // see set_other_pose
 };
 
 static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);

@@ -34,10 +34,9 @@ class ResponseTime {
     sums_[7] += spread * u;
     sums_[8] += spread * v2;
     sums_[9] += spread * spread;
-    // Half the second derivative of `spread`: how its mean grows with the variance.
-    const double growth = (1 - 3 * r2) * by * by * by;
-    sums_[10] += growth;
-    if (polarity != 0) dark_.add(polarity > 0, spread, growth, v2);
+    sums_[10] +=
+        (1 - 3 * r2) * by * by * by;  // half the second derivative of `spread`: how its mean grows with the variance
+    if (polarity != 0) dark_.add(polarity > 0, spread, v2);
     if (sums_[0] >= next_estimate_) [[unlikely]] {
       next_estimate_ *= 2;
       estimate();
@@ -45,7 +44,9 @@ class ResponseTime {
   }
 
   /// Evaluates what has been added, and lets it fade.
-  void evaluate() noexcept {
+  /// @param max_distance_px matching distance
+  void evaluate(double max_distance_px = 2) noexcept {
+    max_distance_px_ = max_distance_px;
     estimate();
     for (double& sum : sums_) sum *= kKept;
     dark_.fade(kKept);
@@ -78,19 +79,19 @@ class ResponseTime {
       sums_ = {};
       dark_ = {};
     }
-    dark_.estimate(of_edges_px4());
+    dark_.estimate(max_distance_px_, of_edges_px4());
     const Delay of_dark = delay_by_dark(), of_growth = delay_by_growth();
-    delay_ = {std::max(of_growth.s, of_dark.s), std::max(of_growth.variance_s2, of_dark.variance_s2)};
+    delay_ = {std::max(of_growth.s, of_dark.s), of_growth.variance_s2 + of_dark.variance_s2};
   }
 
   // Variance of the variance of events, as edges differ.
   double of_edges_px4() const noexcept { return square(kOfEdge_px2) / (kEdges * (evaluations_ + 0.25)); }
 
-  // An edge that brightens is followed at once, one that darkens is late by the dark's time constant: half of it on
-  // average, and somewhat less as robust weights count the latest events less. It is more, by up to the time constant,
-  // where pixels see so little light that even those that brighten are late.
+  // Pixels that brighten answer nearly at once, and those that darken are late by the dark's time constant: half of it
+  // on average, and less as robust weights count the latest events less. It is more, by up to the time constant, where
+  // there is so little light that even those that brighten are late.
   Delay delay_by_dark() const noexcept {
-    constexpr double kMean = 0.4, kDeviation = 0.5;
+    constexpr double kMean = 0.35, kDeviation = 0.5;
     return {kMean * dark_.least_s(), square(kDeviation * dark_.most_s())};
   }
 
@@ -123,6 +124,7 @@ class ResponseTime {
     return {late_s, square(1e-3 * std::sqrt(T2) - late_s) + square(0.5 * late_s)};
   }
 
+  double max_distance_px_ = 2;     // of matched events
   double evaluations_ = 0;         // as they fade
   double next_estimate_ = 1024;    // samples at which the next early estimate is made
   std::array<double, 11> sums_{};  // of n, u, u^2, v^2 [px^2/ms^2], v^2 u, v^4, spread, its products, and its growth
