@@ -1011,3 +1011,47 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
     CHECK(after < 0.005);
   }
 }
+
+TEST_CASE("a pose goes on while polarities fit its motion, whatever lies beside the edges") {
+  const Vector3d velocity(0.3, 0.1, 0);
+  const auto motion = [&](double s) {
+    Isometry3d T = kTruth;
+    T.translation() += s * velocity;
+    return T;
+  };
+  // Does the pose follow the motion after events of such polarities, once all seems to be background?
+  const auto follows = [&](bool fitting, bool judged_again) {
+    SegmentMatcher matcher(kCode, kFocal);
+    KalmanUpdate rule({}, 10);
+    ExactEvents events(45);
+    std::mt19937 random(46);
+    Isometry3d T = kTruth;
+    Timestamp t = 0;
+    const auto pass = [&](int count) {
+      for (int i = 0; i < count; ++i) {
+        t += 20;
+        REQUIRE(matcher.project(T));
+        const Isometry3d now = motion(1e-6 * static_cast<double>(t));
+        Correspondence c;
+        const Vector2d m = events.next(now);
+        if (matcher.match(m, c) != MatchResult::matched) continue;
+        const ImageEdge edge(kCode.segments[events.segment], now),
+            later(kCode.segments[events.segment], motion(1e-6 * static_cast<double>(t) + 1e-3));
+        c.t = t;
+        c.polarity = (fitting ? edge.distance(later.from) > 0 : random() % 2 == 0) ? 1 : -1;
+        rule.add(c, T);
+        if (i % 10 == 9) rule.update(T, t);
+      }
+    };
+    pass(400);
+    REQUIRE(translation_error(T, motion(1e-6 * static_cast<double>(t))) < 1e-3);
+    rule.set_signal_weight(0, 0);
+    if (judged_again) rule.set_signal_weight(0, 0);
+    const Isometry3d before = T;
+    pass(50);
+    return translation_error(T, before) > 0;
+  };
+  CHECK(follows(true, false));
+  CHECK(!follows(false, false));
+  CHECK(!follows(true, true));
+}

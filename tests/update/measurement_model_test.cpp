@@ -20,7 +20,11 @@ TEST_CASE("measurement model: events of both polarities lie where offset and tra
 
 TEST_CASE("measurement model: a row is the derivative of the residual by pose and biases") {
   const Vec3 g{100, -40, 7}, lever{0.03, 0.05, -0.01};
-  const auto [row, weight, residual2, lever2, gradient2] = model().measure(g, lever, 0.8, kFarFromEnds_px2, 1, -1);
+  MeasurementModel moving = model();
+  moving.twist = {{0.3, 0.1, -0.2}, {1, -2, 0.5}};
+  moving.time_direction = -1;
+  const auto [row, weight, residual2, lever2, gradient2, toward_dark_px_per_s] =
+      moving.measure(g, lever, 0.8, kFarFromEnds_px2, 1, -1);
   const auto residual_at = [&](const Vec6& step, double offset, double trail) {
     const double moved_px = dot(g, step.t + cross(step.r, lever));  // the edge, along its normal
     MeasurementModel other = model();
@@ -41,6 +45,8 @@ TEST_CASE("measurement model: a row is the derivative of the residual by pose an
   CHECK(weight == doctest::Approx(4 / (4 + before * before)));
   CHECK(lever2 == doctest::Approx(0.0035));
   CHECK(gradient2 == doctest::Approx(11649));
+  const Vec3 of_edge = moving.twist.t + cross(moving.twist.r, lever);
+  CHECK(toward_dark_px_per_s == doctest::Approx(-dot(g, of_edge)));
 }
 
 TEST_CASE("measurement model: far events of a fast edge count as more, the slower the pixels are") {

@@ -53,6 +53,7 @@ class TiltCheck {
           least_tilt_ = tilt;
         }
         was_tilted_ |= !facing;
+        if (phase_ == Phase::sure && size_px(follower, seen) > kGrown * asked_px_) ask_again(follower, seen);
         return false;
       }
       case Phase::facing:
@@ -81,6 +82,7 @@ class TiltCheck {
   static constexpr double kMostUnsure_rad = 0.35;  // the side of a larger tilt is never lost
   static constexpr double kWild_rad = 0.35;        // between both poses: 20 deg
   static constexpr double kSigmas = 3;             // of the tilt
+  static constexpr double kGrown = 1.5;            // a marker that much larger is asked again
 
   // Standard deviation of the tilt, of both axes together [rad].
   static double tilt_deviation(const EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
@@ -94,11 +96,23 @@ class TiltCheck {
     }
   }
 
+  double size_px(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
+    return follower.matcher().focal_length() * plane_->size / norm(seen.centre);
+  }
+
   // A smaller tilt may be of either side: it shortens the marker by less than half a pixel, 1 - cos(tilt) = tilt^2 / 2,
   // or by as much as may be wrong.
   double unsure_below(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
-    const double size_px = follower.matcher().focal_length() * plane_->size / norm(seen.centre);
-    return std::sqrt(1 / size_px) + kSigmas * tilt_deviation(follower, seen);
+    return std::sqrt(1 / size_px(follower, seen)) + kSigmas * tilt_deviation(follower, seen);
+  }
+
+  // What was decided about a smaller marker may have been wrong.
+  void ask_again(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
+    const bool first = asked_px_ == 0;
+    asked_px_ = size_px(follower, seen);
+    if (first) return;  // as it was detected: PlanarHypotheses decides
+    least_tilt_ = 0;
+    begin_to_compare(follower);
   }
 
   void begin_to_compare(EdgeFollower<Rule>& follower) noexcept {
@@ -147,6 +161,7 @@ class TiltCheck {
   Phase phase_ = Phase::sure;
   // It was clearly tilted since the start or the last decision, which hold until it nearly faces the camera again.
   bool was_tilted_ = false;
+  double asked_px_ = 0;     // size of the marker when its side was last in question
   double least_tilt_ = 0;   // since it nearly faces the camera
   double between_rad_ = 0;  // angle between both poses
   int until_judged_ = 1;    // updates

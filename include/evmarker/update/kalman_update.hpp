@@ -19,6 +19,7 @@
 #include "evmarker/update/measurement_statistics.hpp"
 #include "evmarker/update/model_misfit.hpp"
 #include "evmarker/update/motion_bound.hpp"
+#include "evmarker/update/polarity_agreement.hpp"
 #include "evmarker/update/process_noise.hpp"
 #include "evmarker/update/response_time.hpp"
 #include "evmarker/update/update_rule.hpp"
@@ -58,6 +59,7 @@ class KalmanUpdate {
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
     edges_.add(c.segment, of_event.row[kResidual], of_event.weight);
+    polarities_.add(of_event.toward_dark_px_per_s, c.dark_side_known ? c.polarity : 0);
     if (++single_events_ % kSampleEvery == 0) sample(of_event.row, of_event.weight, c.polarity);
     statistics_.add({of_event.residual2, of_event.lever2, of_event.gradient2, us_since_update(c.t)});
   }
@@ -68,7 +70,7 @@ class KalmanUpdate {
     const double t_us = t_us_;
     const MeasurementModel model = model_;
     alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
-    alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check;
+    alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check, toward_dark;
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const EventMeasurement of_event = model.measure({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i],
@@ -79,6 +81,7 @@ class KalmanUpdate {
       gradient2[i] = c.is_event[i] * of_event.gradient2;
       finite_check[i] = residual2[i] * (lever2[i] * gradient2[i]);
       weights[i] = c.is_event[i] * of_event.weight;
+      toward_dark[i] = of_event.toward_dark_px_per_s;
       since[i] = c.is_event[i] * (since_update_us > 0 ? since_update_us : 0);
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
@@ -86,6 +89,7 @@ class KalmanUpdate {
     if (!(simd::sum(finite_check) < kInfinity)) return;  // it would never leave the running means
     measurements_.add(rows, weights, c.count);
     for (std::size_t i = 0; i < c.count; ++i) edges_.add(c.segment[i], rows[kResidual][i], weights[i]);
+    polarities_.add(toward_dark, c.polarity, c.is_event);
     MeasurementRow sampled;
     for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) sampled[k] = rows[k][0];
     sample(sampled, weights[0], c.polarity[0]);
@@ -148,11 +152,14 @@ class KalmanUpdate {
     return good;
   }
 
-  /// @param weight of the events' information: 1 if at least half of them are surely of moving edges, 0 at rest
+  /// @param weight of the events' information, from the events beside the edges since the last call: 1 if at least half
+  /// of them are surely of moving edges, 0 at rest. It is more if the polarities of the events since then show more: a
+  /// small marker that moves fast makes many events beside its edges itself.
   /// @param noise_per_s noise events that match edges
   void set_signal_weight(double weight, double noise_per_s) noexcept {
-    signal_weight_ = weight;
+    signal_weight_ = std::max(weight, std::min(1.0, 2 * polarities_.least_moving_share()));
     noise_per_s_ = noise_per_s;
+    polarities_.clear();
   }
 
   /// Switches on the bound of the motion by the number of events.
@@ -477,6 +484,7 @@ class KalmanUpdate {
   MotionBound bound_;
   ProcessNoise noise_;
   VelocityMemory velocity_memory_;
+  PolarityAgreement polarities_;  // since the last set_signal_weight
   std::array<double, 6> fading_;  // of the velocity, along each axis [1/s]
   EdgeScatter edges_;
   EdgeGradients gradients_;

@@ -15,11 +15,12 @@ inline constexpr std::size_t kOffset = 0, kTrail = 1;
 
 /// The measurement of one event.
 struct EventMeasurement {
-  MeasurementRow row;  ///< [J; d]
-  double weight;       ///< Cauchy's, less at an edge's ends, of an edge of little contrast, and amid noise
-  double residual2;    ///< d squared [px^2]
-  double lever2;       ///< |E - T| squared [m^2]
-  double gradient2;    ///< |g| squared, see `measure` [px^2/m^2]
+  MeasurementRow row;           ///< [J; d]
+  double weight;                ///< Cauchy's, less at an edge's ends, of an edge of little contrast, and amid noise
+  double residual2;             ///< d squared [px^2]
+  double lever2;                ///< |E - T| squared [m^2]
+  double gradient2;             ///< |g| squared, see `measure` [px^2/m^2]
+  double toward_dark_px_per_s;  ///< speed of the edge along its normal
 };
 
 /// Where the events of an edge lie. Edge offset: how far [px] they lie on average toward the dark side of their edge.
@@ -69,7 +70,8 @@ struct MeasurementModel {
                 (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
             residual2,
             squared_norm(lever),
-            squared_norm(g)};
+            squared_norm(g),
+            toward_dark_px_per_s};
   }
 
  private:
