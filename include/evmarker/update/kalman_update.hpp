@@ -358,7 +358,9 @@ class KalmanUpdate {
     if (signal_weight_ == 1) misfit_.measure_spread(statistics_.spread_px2(), max_distance_px_, smear_px());
     if (bound_.is_set()) {
       const double by_width_px = expected_trail_px(edge_width_px(), bound_.events_per_passage());
-      most_trail_px_ = std::max(2 * by_width_px, settings_.initial_trail_px);  // the width tells half a step
+      // The width tells half a step. And what is not known of a delay looks like a trail.
+      most_trail_px_ = std::max(2 * by_width_px + std::sqrt(response_time_.delay_variance_s2()) * px_per_s(),
+                                settings_.initial_trail_px);
       // Where it is not known which side of an edge is dark, the filter does not correct the trail.
       misfit_.compare_trails(edges_.share_of_known_dark_sides() * model_.bias_px[kTrail], by_width_px);
     }
