@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "evmarker/base/vector.hpp"
+#include "evmarker/simd/lanes.hpp"
 #include "evmarker/update/error_state.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 
@@ -64,10 +65,12 @@ struct MeasurementModel {
     const double residual = residual_px(distance_px, s, p, contrast), residual2 = residual * residual;
     const double toward_dark_px_per_s = time_direction * (dot(g, twist.t) + dot(by_rotation, twist.r));
     const double smear_px = response_s * toward_dark_px_per_s, base2 = robust_px * robust_px;
-    const double robust2 = base2 + smear_px * smear_px, corner2 = kCornerSpreads2 * spread_px2;
+    const double robust2 = base2 + smear_px * smear_px;
+    const double weight =
+        signal_share(toward_dark_px_per_s, s * p) * end_weight(from_end_px2) * robust2 / (robust2 + residual2);
     return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast, residual},
-            signal_share(toward_dark_px_per_s, s * p) * contrast_weight(contrast) *
-                (from_end_px2 < corner2 ? kCornerWeight : 1) * robust2 / (robust2 + residual2),
+            // Across an edge of little contrast a step of light is a longer way, and so is what is not known of it.
+            simd::smaller(contrast * contrast * weight, weight),
             residual2,
             squared_norm(lever),
             squared_norm(g),
@@ -87,13 +90,13 @@ struct MeasurementModel {
     return speed_b / (speed_b + noise_px_per_s * b);
   }
 
-  // Across an edge of little contrast a step of light is a longer way, and so is what is not known of the step.
-  [[gnu::always_inline]] static double contrast_weight(double contrast) noexcept {
-    return contrast < 1 ? contrast * contrast : 1;
+  // Within three times the spread of the events a blurred corner is round. A fifth is enough there to estimate the
+  // trail from edges that move along their own direction. Without a branch, which would keep the loop over a batch from
+  // being vectorised.
+  [[gnu::always_inline]] double end_weight(double from_end_px2) const noexcept {
+    constexpr double kSpreads2 = 9, kAtEnds = 0.2;
+    return 0.5 * (1 + kAtEnds) + std::copysign(0.5 * (1 - kAtEnds), from_end_px2 - kSpreads2 * spread_px2);
   }
-  // How far a blurred corner is round, three times the spread of the events, squared; and what an event there counts: a
-  // fifth is enough to estimate the trail from edges that move along their own direction.
-  static constexpr double kCornerSpreads2 = 9, kCornerWeight = 0.2;
 };
 
 }  // namespace evmarker
