@@ -325,10 +325,10 @@ class KalmanUpdate {
     gradients_.add({row[0], row[1], row[2], row[3], row[4], row[5]});
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
-    // Noise at rest spreads anywhere. `row` has -s p / c: its event's polarity fits the motion, or its side is not
-    // known.
+    // The row's trail has the sign of -s p, which is 0 where it is not known which side is dark.
     const bool fits = -row[6 + kTrail] * model_.time_direction * px_per_s >= 0;
-    if (signal_weight_ == 1) response_time_.add(row[kResidual], px_per_s, fits ? polarity : 0);
+    if (signal_weight_ == 1)  // noise at rest spreads anywhere
+      response_time_.add(row[kResidual], px_per_s, fits ? polarity : 0);
     velocity_memory_.add_speed(px_per_s);
   }
 

@@ -1,5 +1,5 @@
 #pragma once
-// The sensor's response time, from the growth of the events' spread with the speed of their edges.
+// By how much a sensor's events are late, from how far they spread about moving edges.
 #include <algorithm>
 #include <array>
 #include <cmath>
