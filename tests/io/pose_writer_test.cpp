@@ -34,7 +34,7 @@ std::vector<PoseEstimate> random_poses(std::size_t count) {
     pose.T_camera_marker = Eigen::Translation3d(normal(random), normal(random), normal(random)) * q.normalized();
     pose.quality = {.state = static_cast<TrackingState>(i % 3),
                     .health = std::abs(normal(random)),
-                    .loss_reason = static_cast<LossReason>(i % 8),
+                    .loss_reason = static_cast<LossReason>(i % kLossReasons),
                     .matched = static_cast<int>(i),
                     .offered = 0,
                     .residual_px = normal(random),

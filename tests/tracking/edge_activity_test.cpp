@@ -17,18 +17,26 @@ using namespace evmarker::test;
 
 namespace {
 
-// Moves a model between two places while every segment makes so many events.
+// Moves a model between two places while every segment makes so many events, of the polarities that the motion makes;
+// of every `wrong_every` one has the other.
 struct Walk {
   MarkerModel model = kSquare;
   EdgeActivity activity{model, kFocalLength};
   Eigen::Vector2d place{0, 0};
+  int wrong_every = 1000000;
+  Timestamp t = 0;
+  std::optional<EdgeActivity::Interval> interval;
 
-  Walk() { activity.log_likelihood_ratio(model, square_at(0, 0), kNoCounts); }
+  Walk() { activity.evaluate(model, square_at(0, 0), t, kNoCounts); }
+  // Returns the evidence for hidden edges.
   std::optional<double> go(const Eigen::Vector2d& way, const std::vector<int>& events) {
     for (std::size_t segment = 0; segment < events.size(); ++segment)
-      for (int i = 0; i < events[segment]; ++i) activity.add(static_cast<int>(segment));
+      for (int i = 1; i <= events[segment]; ++i)
+        activity.add(static_cast<int>(segment), makes_on(segment, way) == (i % wrong_every != 0));
     place += way;
-    return activity.log_likelihood_ratio(model, square_at(place.x(), place.y()), kNoCounts);
+    t += 1000;
+    interval = activity.evaluate(model, square_at(place.x(), place.y()), t, kNoCounts);
+    return interval ? std::optional(interval->log_ratio_hidden) : std::nullopt;
   }
 };
 
@@ -36,7 +44,7 @@ struct Walk {
 
 TEST_CASE("the first question only says where the edges are, and too little motion says nothing") {
   EdgeActivity activity(kSquare, kFocalLength);
-  CHECK_FALSE(activity.log_likelihood_ratio(kSquare, square_at(0, 0), kNoCounts));
+  CHECK_FALSE(activity.evaluate(kSquare, square_at(0, 0), 0, kNoCounts));
   CHECK_FALSE(activity.due());
   Walk walk;
   CHECK_FALSE(walk.go({0.5, 0.5}, {400, 400, 0, 400}));
@@ -56,6 +64,59 @@ TEST_CASE("edges that all make events speak for the marker, two of four without 
   // 89 px by 3 px at three events per pixel.
   CHECK(seen.activity.events_per_passage() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02).scale(0));
   CHECK(hidden.go({3, 3}, {800, 0, 800, 0}).value() > 3);
+}
+
+TEST_CASE("polarities that fit the motion contradict nothing, whichever way it goes") {
+  for (const Eigen::Vector2d& way : {Eigen::Vector2d(3, 3), {3, -3}, {-3, 3}, {-3, -3}}) {
+    Walk walk;
+    walk.go(way, {800, 800, 800, 800});
+    for (int i = 0; i < 3; ++i) {
+      REQUIRE(walk.go(way, {800, 800, 800, 800}));
+      CHECK(walk.interval->events == 3200);
+      CHECK(walk.interval->contradicting == 0);
+      CHECK(walk.interval->duration_us == 1000);
+    }
+    walk.wrong_every = 8;
+    walk.go(way, {800, 800, 800, 800});
+    CHECK(walk.interval->contradicting == 400);
+  }
+}
+
+TEST_CASE("events contradict the motion of edges that go on, not of those that turn, lie along it, or have no side") {
+  Walk walk;
+  for (int i = 0; i < 3; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  walk.wrong_every = 2;
+  walk.go({3, -3}, {800, 800, 800, 800});
+  CHECK(walk.interval->events == 1600);
+  CHECK(walk.interval->contradicting == 800);
+  walk.go({3, 0}, {0, 800, 0, 800});
+  CHECK(walk.interval->contradicting == 800);
+  for (MarkerSegment& segment : walk.model.segments) segment.dark_side.setZero();
+  walk.activity = EdgeActivity(walk.model, kFocalLength);
+  for (int i = 0; i < 3; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  CHECK(walk.interval->events == 0);
+}
+
+TEST_CASE("what an edge makes while it goes back and forth on its way contradicts nothing") {
+  Walk walk;
+  for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
+  // Four times the events: three ways forth and back beside the way that is left, so that 3 of 8 contradict.
+  walk.wrong_every = 3;
+  walk.go({3, 3}, {3200, 3200, 3200, 3200});
+  CHECK(walk.interval->contradicting < 0.03 * walk.interval->events);
+}
+
+TEST_CASE("edges that turn about a point near their middle contradict nothing, as they move to both sides") {
+  Walk walk;
+  Eigen::Isometry3d T = square_at(0, 0);
+  for (int k = 0; k < 5; ++k) {
+    T.rotate(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitZ()));
+    T.pretranslate(square_at(1.2, 1.2).translation() - square_at(0, 0).translation());
+    for (int i = 0; i < 1600; ++i) walk.activity.add(i % 4, i % 8 < 4);
+    walk.interval = walk.activity.evaluate(walk.model, T, 1000 * (k + 1), kNoCounts);
+    REQUIRE(walk.interval);
+    CHECK(walk.interval->events == 0);
+  }
 }
 
 TEST_CASE("edges along the motion need no events") {
@@ -132,10 +193,10 @@ TEST_CASE(
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double before = walk.activity.events_per_passage();
   for (const double x : {20.0, 25.0, 30.0}) {
-    for (int i = 0; i < 1000; ++i) walk.activity.add(i % 4);
+    for (int i = 0; i < 1000; ++i) walk.activity.add(i % 4, true);
     Eigen::Isometry3d grazing = square_at(x, 20);
     grazing.rotate(Eigen::AngleAxisd(1.4, Eigen::Vector3d::UnitY()));
-    CHECK_FALSE(walk.activity.log_likelihood_ratio(walk.model, grazing, kNoCounts));
+    CHECK_FALSE(walk.activity.evaluate(walk.model, grazing, walk.t, kNoCounts));
     CHECK_FALSE(walk.activity.due());
     CHECK(walk.activity.events_per_passage() == before);
   }
@@ -159,6 +220,6 @@ TEST_CASE("a pose that is no pose says nothing and leaves nothing behind") {
   for (int i = 0; i < 5; ++i) walk.go({3, 3}, {800, 800, 800, 800});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double before = walk.activity.events_per_passage();
-  CHECK_FALSE(walk.activity.log_likelihood_ratio(kSquare, square_at(nan, 0), kNoCounts));
+  CHECK_FALSE(walk.activity.evaluate(kSquare, square_at(nan, 0), walk.t, kNoCounts));
   CHECK(walk.activity.events_per_passage() == before);
 }

@@ -79,7 +79,7 @@ inline TrackingState parse_state(const LineReader& lines, std::string_view text)
 }
 
 inline LossReason parse_loss_reason(const LineReader& lines, std::string_view text) {
-  for (const auto reason : {LossReason::none, LossReason::hidden, LossReason::left_image, LossReason::inconsistent,
+  for (const auto reason : {LossReason::none, LossReason::hidden, LossReason::left_image, LossReason::inconsistent, LossReason::contradicted,
                             LossReason::verification, LossReason::replaced, LossReason::events_missing,
                             LossReason::not_confirmed, LossReason::turned_away})
     if (text == to_string(reason)) return reason;

@@ -1,5 +1,5 @@
 #pragma once
-// Compares how many events moving edges make with how many they used to make: hidden edges make hardly any.
+// Compares the events of moving edges with what such edges make: how many, and of which polarity.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/events/event.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/tracking/edge_contrasts.hpp"
 
@@ -26,31 +27,42 @@ class EdgeActivity {
   EdgeActivity(const MarkerModel& model, double focal_length)
       : focal_length_(focal_length),
         interval_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
-        events_(model.segments.size()),
-        history_(events_.size()),
-        middle_events_(events_.size()),
-        contrasts_(events_.size()),
-        begin_(events_.size()),
-        end_(events_.size()) {
+        counts_(model.segments.size()),
+        history_(counts_.size()),
+        middle_events_(counts_.size()),
+        contrasts_(counts_.size()),
+        swept_before_(counts_.size()),
+        begin_(counts_.size()),
+        end_(counts_.size()) {
     for (const MarkerSegment& segment : model.segments) printed_ = printed_ && !segment.dark_side.isZero();
   }
 
+  /// What the edges did from one evaluation to the next.
+  struct Interval {
+    /// Logarithm of how much likelier their events are if half of the edges are hidden than if all are in sight.
+    double log_ratio_hidden = 0;
+    double events = 0;         ///< of edges that moved and whose dark side is known
+    double contradicting = 0;  ///< how many of those do not have the polarity that the motion makes
+    double duration_us = 0;
+  };
+
   /// Counts an event that was matched to a segment.
-  void add(int segment) noexcept {
-    ++events_[static_cast<std::size_t>(segment)];
+  void add(int segment, bool on) noexcept {
+    Count& count = counts_[static_cast<std::size_t>(segment)];
+    ++count.events;
+    count.on += on;
     ++total_;
   }
 
-  /// True once there are enough events for `log_likelihood_ratio`, which costs as much as some hundred events.
+  /// True once there are enough events for `evaluate`, which costs as much as some hundred events.
   bool due() const noexcept { return total_ >= interval_; }
 
-  /// Evaluates the events since the last evaluation, and begins a new interval. Returns the logarithm of how much
-  /// likelier these events are if half of the edges are hidden than if all are in sight; nothing before the wireframe
+  /// Evaluates the events since the last evaluation, and begins a new interval. Returns nothing before the wireframe
   /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts
   /// of the edges, too.
   /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
-  std::optional<double> log_likelihood_ratio(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
-                                             std::span<const std::uint32_t> middle_events) noexcept {
+  std::optional<Interval> evaluate(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker, Timestamp t,
+                                   std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) end_[i] = project(model, model.segments[i], T_camera_marker);
     double swept_px2 = 0, length_px = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
@@ -63,18 +75,19 @@ class EdgeActivity {
       return std::nullopt;
     }
     if (length_px == 0) {
-      begin_interval(middle_events);
+      begin_interval(t, middle_events);
       return std::nullopt;
     }
     if (swept_px2 < kDistance_px * length_px) {
       total_ = 0;  // due again after as many more events, which count together with these
-      if (events_are_background(swept_px2, length_px)) begin_interval(middle_events);
+      if (events_are_background(swept_px2, length_px)) begin_interval(t, middle_events);
       return std::nullopt;
     }
-    const double evidence = evaluate(swept_px2);
+    Interval interval = judge_motion(swept_px2);
+    interval.duration_us = static_cast<double>(t) - static_cast<double>(begin_t_);
     measure_contrasts(middle_events);
-    begin_interval(middle_events);
-    return evidence;
+    begin_interval(t, middle_events);
+    return interval;
   }
 
   /// How many events a pixel makes while an edge passes over it, a running mean over all edges; 0 before it is known.
@@ -105,6 +118,10 @@ class EdgeActivity {
     Eigen::Vector2d middle{0, 0}, along{0, 0};  // [px]
     double dark = 0;  // positive if the dark side is on the right of `along` in the image, negative on the left
   };
+  // Events matched to an edge, and how many of them are ON.
+  struct Count {
+    int events = 0, on = 0;
+  };
   struct Activity {
     double events = 0, swept_px2 = 0;
   };
@@ -113,46 +130,67 @@ class EdgeActivity {
   // be the edges' after that. Where edges do move, a pixel may make more events than it used to.
   bool events_are_background(double swept_px2, double length_px) const noexcept {
     double all = 0;
-    for (const int events : events_) all += events;
+    for (const Count& count : counts_) all += count.events;
     return density_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * density_ * length_px;
   }
 
-  // Returns the evidence of all edges, and adds their events to their histories.
-  double evaluate(double swept_px2) noexcept {
+  // Sums over all edges, and adds their events to their histories.
+  Interval judge_motion(double swept_px2) noexcept {
     double all = 0, by_events = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       if (!in_sight(i)) continue;
-      all += events_[i];
-      if (swept(i) > 0) by_events += events_[i] * std::min(1.0, events_[i] / (rate(i) * swept(i)));
+      all += counts_[i].events;
+      if (swept(i) > 0) by_events += counts_[i].events * std::min(1.0, counts_[i].events / (rate(i) * swept(i)));
     }
     density_ += (density_ > 0 ? 0.1 : 1) * (all / swept_px2 - density_);
     // Motion counts only as far as the edges that do make events confirm it: after a motion that was only predicted, no
     // edge counts as silent.
     const double confirmed = all > 0 ? by_events / all : 0;
-    double evidence = 0;
+    Interval interval;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       const double length_px = end_[i].along.norm(), jitter = kJitter_px * length_px;
       const double swept = this->swept(i), confirmed_swept = confirmed * swept;
       // Of an edge that hardly moved across itself, neither its silence nor its rate is known.
       if (!(swept > jitter)) continue;
+      if (end_[i].dark != 0 && goes_on(i)) {
+        interval.events += counts_[i].events;
+        interval.contradicting += contradicting(i);
+      }
       const double silent = confirmed_swept > jitter && expected_to_make_events(i, length_px)
                                 ? evidence_of_edge(i, confirmed_swept, jitter)
                                 : 0;
-      evidence += silent;
+      interval.log_ratio_hidden += silent;
       if (silent > 0) continue;  // a hidden edge's events do not show its usual rate
-      history_[i].events = kFading * history_[i].events + confirmed * events_[i];
+      history_[i].events = kFading * history_[i].events + confirmed * counts_[i].events;
       history_[i].swept_px2 = kFading * history_[i].swept_px2 + confirmed_swept;
     }
-    return evidence;
+    return interval;
   }
 
   // Log likelihood ratio of one edge's events, Poisson distributed, if half of the edges are hidden against if none is:
   // the edge is then hidden with even odds. The events of one pixel in one passage of the edge come together, so that
   // passed pixels are counted, not events.
   double evidence_of_edge(std::size_t i, double swept, double jitter) const noexcept {
-    const double passed = events_[i] / rate(i);
+    const double passed = counts_[i].events / rate(i);
     const double hidden = (1 - kHidden) * (swept - jitter) + std::log(kHidden) * passed;
     return std::log(0.5 + 0.5 * std::exp(std::clamp(hidden, -kMost, kMost)));
+  }
+
+  // True if all of an edge moved to one side, which an edge that turns about its middle does not, and to the same as in
+  // the interval before: after a turn of the motion, late events still come of before.
+  bool goes_on(std::size_t i) const noexcept {
+    const double swept = swept_to_right(i);
+    return swept * swept_before_[i] > 0 && swept * swept_to_right(i, -0.5) > 0 && swept * swept_to_right(i, 0.5) > 0;
+  }
+
+  // Events whose polarity contradicts the edge's motion. If there are surely more events than the motion makes, it went
+  // to and fro, and half of those beyond come from the way back.
+  double contradicting(std::size_t i) const noexcept {
+    const double events = counts_[i].events, expected = rate(i) * swept(i);
+    const double deviation = std::sqrt((1 + density_) * expected);
+    const double on_way_back = events > expected + 2 * deviation ? (events - expected) / 2 : 0;
+    const bool toward_dark = swept_to_right(i) * end_[i].dark > 0;
+    return std::max(0.0, (toward_dark ? events - counts_[i].on : counts_[i].on) - on_way_back);
   }
 
   // Events per swept area: by the edge's own history, and before there is enough of it by the mean of all edges.
@@ -187,11 +225,13 @@ class EdgeActivity {
 
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
   double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
-  // The same, positive if the edge moved to the right of its direction.
-  double swept_to_right(std::size_t i) const noexcept {
+  // The same, positive if the edge moved to the right of its direction; by the motion of the point that lies the share
+  // `along` of its length from its middle.
+  double swept_to_right(std::size_t i, double along = 0) const noexcept {
     if (!in_sight(i)) return 0;
-    const Eigen::Vector2d way = end_[i].middle - begin_[i].middle;
-    return way.y() * end_[i].along.x() - way.x() * end_[i].along.y();
+    const Edge &end = end_[i], &begin = begin_[i];
+    const Eigen::Vector2d way = end.middle + along * end.along - begin.middle - along * begin.along;
+    return way.y() * end.along.x() - way.x() * end.along.y();
   }
 
   void measure_contrasts(std::span<const std::uint32_t> middle_events) noexcept {
@@ -205,27 +245,31 @@ class EdgeActivity {
   }
 
   // Begins a new interval with the edges in `end_`.
-  void begin_interval(std::span<const std::uint32_t> middle_events) noexcept {
+  void begin_interval(Timestamp t, std::span<const std::uint32_t> middle_events) noexcept {
     forget_events();
+    for (std::size_t i = 0; i < end_.size(); ++i) swept_before_[i] = swept_to_right(i);
     std::swap(begin_, end_);
+    begin_t_ = t;
     std::ranges::copy(middle_events, middle_events_.begin());
   }
 
   void forget_events() noexcept {
     total_ = 0;
-    std::ranges::fill(events_, 0);
+    std::ranges::fill(counts_, Count());
   }
 
   double focal_length_;
-  int interval_;             // events from one evaluation to the next
-  bool printed_ = true;      // all dark sides are known: all edges have about one contrast
-  std::vector<int> events_;  // of every segment, since the last evaluation
+  int interval_;               // events from one evaluation to the next
+  bool printed_ = true;        // all dark sides are known: all edges have about one contrast
+  std::vector<Count> counts_;  // of every segment, since the last evaluation
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
   EdgeContrasts contrasts_;
-  std::vector<Edge> begin_, end_;  // the edges at the begin and the end of the interval; none before the first
-  double density_ = 0;             // events per swept area [1/px^2], 0 before the first evaluation
-  int total_ = 0;                  // events since `due()` was last reset
+  std::vector<double> swept_before_;  // by every edge in the interval before, as `swept_to_right`
+  std::vector<Edge> begin_, end_;     // the edges at the begin and the end of the interval; none before the first
+  Timestamp begin_t_ = 0;
+  double density_ = 0;  // events per swept area [1/px^2], 0 before the first evaluation
+  int total_ = 0;       // events since `due()` was last reset
 };
 
 }  // namespace evmarker

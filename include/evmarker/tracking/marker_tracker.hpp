@@ -266,7 +266,7 @@ class MarkerTracker {
     if (match == MatchResult::far) return nullptr;
     t_ = event.t;
     had_near_event_ = true;
-    health_.add(match, segment);
+    health_.add(match, segment, event.p > 0);
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
       apply_verification(*error);
     if (updated) after_update();
@@ -326,7 +326,7 @@ class MarkerTracker {
   // passed.
   [[gnu::noinline]] void judge_edges() noexcept {
     if (!settled_) return health_.restart_edges();
-    health_.judge_edges(model(), T_camera_marker(), follower_.middle_events());
+    health_.judge_edges(model(), T_camera_marker(), t_, follower_.middle_events());
     if (state_ == TrackingState::tracking && health_.events_per_passage() > 0) {
       follower_.set_events_per_passage(health_.events_per_passage());
       follower_.set_contrasts(health_.contrasts());

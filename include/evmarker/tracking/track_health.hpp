@@ -9,6 +9,7 @@
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/tracking/edge_activity.hpp"
+#include "evmarker/tracking/polarity_evidence.hpp"
 
 namespace evmarker {
 
@@ -25,11 +26,11 @@ inline void validate(const TrackHealthSettings& settings) {
                           settings.false_alarm_rate);
 }
 
-/// How likely it is that a marker is where its tracker says, by three tests: do events near it lie on its edges, does
-/// every edge make as many events as before, does verification pass. Each test sums log-likelihood ratios between two
-/// bounds (Page's cumulative sum test): from full confidence it takes evidence that comes up by chance once in 1 /
-/// false_alarm_rate pieces of evidence to lose the marker. The sums are kept apart, as one test may pass where another
-/// fails: a half hidden marker still matches well.
+/// How likely it is that a marker is where its tracker says, by four tests: do events near it lie on its edges, does
+/// every edge make as many events as before, do their polarities fit its motion, does verification pass. Each test sums
+/// log-likelihood ratios between two bounds (Page's cumulative sum test): from full confidence it takes evidence that
+/// comes up by chance once in 1 / false_alarm_rate pieces of evidence to lose the marker. The sums are kept apart, as
+/// one test may pass where another fails: a half hidden marker still matches well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -40,10 +41,10 @@ class TrackHealth {
   }
 
   /// Counts an event on or near the wireframe; an ambiguous one as neither.
-  [[gnu::always_inline]] void add(MatchResult match, int segment) noexcept {
+  [[gnu::always_inline]] void add(MatchResult match, int segment, bool on) noexcept {
     if (match == MatchResult::matched) {
       ++matched_;
-      activity_.add(segment);
+      activity_.add(segment, on);
     } else if (match == MatchResult::near) {
       ++near_;
     }
@@ -65,7 +66,6 @@ class TrackHealth {
     const double background = near_per_us_ * dt_us;
     // Beyond twice the usual background and two standard deviations of the usual one.
     const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
-    constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
     // Standard deviation of the difference between the chance matches and their estimate by the near events: both
     // numbers are random.
@@ -98,10 +98,18 @@ class TrackHealth {
   bool edges_due() const noexcept { return activity_.due(); }
   /// Judges each edge's events since the last call, if the wireframe has moved.
   /// @param middle_events see EdgeFollower
-  void judge_edges(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker,
+  void judge_edges(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker, Timestamp t,
                    std::span<const std::uint32_t> middle_events) noexcept {
-    const auto evidence = activity_.log_likelihood_ratio(model, T_camera_marker, middle_events);
-    if (evidence) judge(std::clamp(*evidence, -bound_, bound_), LossReason::hidden);
+    const auto interval = activity_.evaluate(model, T_camera_marker, t, middle_events);
+    if (!interval) return;
+    // Where the motion turns or a lamp goes on, all edges may seem wrong for a moment: one interval is not enough.
+    judge(std::clamp(interval->log_ratio_hidden, -bound_, bound_), LossReason::hidden);
+    // Half of the background that matches by chance contradicts.
+    const double by_background = 0.5 * kMatchedToNear * near_per_us_ * interval->duration_us;
+    const double contradicting = std::max(0.0, interval->contradicting - by_background);
+    const double evidence =
+        polarities_.log_likelihood_ratio(interval->events, contradicting, activity_.events_per_passage(), sure());
+    judge(std::clamp(evidence, -bound_, bound_), LossReason::contradicted);
   }
   /// Forgets the edges' events since the last judgement; to be called after the pose was corrected and not the marker
   /// has moved.
@@ -145,6 +153,7 @@ class TrackHealth {
   static constexpr double kVerificationEvidence = 3;  // log odds: one in twenty wrong poses passes, one right one fails
   static constexpr double kChanceShare =
       1.0 / 3;  // of evenly spread events within three matching distances, those that match
+  static constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
   static constexpr double kLeastUsual = 0.7, kMostUsual = 0.98;
   static constexpr double kShareMemory = 50000;     // of usual_share_ [events]
   static constexpr double kRateMemory_us = 500000;  // of near_per_us_
@@ -172,6 +181,7 @@ class TrackHealth {
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;
+  PolarityEvidence polarities_;
   int matched_ = 0, near_ = 0;  // events since the last judgement
   double t_us_ = 0;             // time of that judgement [us]
   double usual_share_ = 0.9;    // of the events near edges that lie on them
