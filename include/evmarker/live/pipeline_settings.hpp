@@ -26,7 +26,7 @@ struct PipelineSettings {
   OverloadPolicy overload = OverloadPolicy::drop_oldest;
   std::size_t queue_events = 1u << 18;  ///< room in the queue, 16 bytes each
   /// Whether tracking waits for a detection that takes longer than `tracker.detection_latency` of camera time: then the
-  /// poses are those of `Tracker`, bit for bit. For files, with the policy `block`.
+  /// poses are those of `Tracker`, as far as those are the same bit for bit. For files, with the policy `block`.
   bool wait_for_detector = false;
   TrackingPriority priority = TrackingPriority::automatic;
   std::chrono::microseconds gap{1000000};  ///< camera time without events that `Status` counts

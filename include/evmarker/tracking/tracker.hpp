@@ -13,8 +13,9 @@
 namespace evmarker {
 
 /// Tracks every marker that the detector finds. Runs on one thread and is deterministic: the same events give the same
-/// poses, bit for bit, however they are batched. Between detections nothing throws or allocates. What the detector
-/// throws leaves `push`; TrackerStatistics::events says how many events were taken before.
+/// poses, bit for bit, however they are batched; but for rounding where GCC fuses operations, see README.md, rounding.
+/// Between detections nothing throws or allocates. What the detector throws leaves `push`; TrackerStatistics::events
+/// says how many events were taken before.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Tracker {
  public:
