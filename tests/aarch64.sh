@@ -2,6 +2,8 @@
 # Builds tests for aarch64 and runs them under QEMU, on Debian or Ubuntu on another processor: each of the rooms that are
 # named, by default those that meet files, threads and vectors.
 #   tests/aarch64.sh [--install] [ROOM...]
+# Tests take 15 to 30 times as long there: of the other rooms, search, update and simulation less than ten minutes each,
+# tracking and model more than an hour.
 # Needs a cross compiler, QEMU, mmdebstrap, CMake and Ninja; --install installs those that are missing, as root. The
 # libraries for aarch64 are fetched once, into build/aarch64-sysroot: installed, Debian's OpenCV for aarch64 would take
 # the place of the native one.
