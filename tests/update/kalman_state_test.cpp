@@ -38,8 +38,10 @@ TEST_CASE("kalman state: another pose, whose motions are a linear map of those o
   Matrix6d J = Matrix6d::Identity();
   J.bottomRightCorner<3, 3>() << 0, -1, 0, -1, 0, 0, 0, 0, -1;
   J(0, 4) = 0.2;
+  after.lead.motion = before.twist;
   after.transform(J);
   CHECK((Vector6d(after.twist) - J * Vector6d(before.twist)).norm() < 1e-12);
+  CHECK((Vector6d(after.lead.motion) - J * Vector6d(before.twist)).norm() < 1e-12);
   const auto block = [](const KalmanState& s, int i, int k) { return Matrix6d(s.P.xx.block<6, 6>(6 * i, 6 * k)); };
   for (int i = 0; i < 2; ++i)
     for (int k = 0; k < 2; ++k)
@@ -51,10 +53,20 @@ TEST_CASE("kalman state: another pose, whose motions are a linear map of those o
   CHECK(after.P.xx == after.P.xx.transpose());
 }
 
-TEST_CASE("kalman state: variances of the velocity are traces of its blocks") {
+TEST_CASE("kalman state: the variance of the edges' speed is that of translation, and of rotation with their lever") {
   const KalmanState s = state();
-  CHECK(s.translation_variance() == doctest::Approx(s.P.xx.block<3, 3>(6, 6).trace()));
-  CHECK(s.rotation_variance() == doctest::Approx(s.P.xx.block<3, 3>(9, 9).trace()));
+  constexpr double kLever2 = 0.01;
+  CHECK(s.speed_variance(kLever2) ==
+        doctest::Approx(s.P.xx.block<3, 3>(6, 6).trace() + kLever2 * s.P.xx.block<3, 3>(9, 9).trace()));
+}
+
+TEST_CASE("kalman state: in mirrored time, the velocity is reversed, and the pose is before the state") {
+  KalmanState s = state();
+  s.lead = {0.001, {{1, 0, 0}, {}}};
+  s.reverse();
+  CHECK(Vector6d(s.twist) == -Vector6d(state().twist));
+  CHECK(s.lead.s == -0.001);
+  CHECK(s.lead.motion.t.x == 1);  // the pose is where it was
 }
 
 TEST_CASE("kalman state: the pose's covariance after a step is that of a prediction") {

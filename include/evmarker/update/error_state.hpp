@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 
+#include "evmarker/base/vector.hpp"
 #include "evmarker/simd/pack.hpp"
 #include "evmarker/update/motion_model.hpp"
 
@@ -20,6 +21,13 @@ inline constexpr std::size_t kBiases = 2;
 struct ErrorState {
   Vector12d x = Vector12d::Zero();
   std::array<double, kBiases> b{};
+
+  Vec6 pose() const noexcept { return six_from(0); }
+  Vec6 velocity() const noexcept { return six_from(6); }
+  void set_pose(const Vec6& pose) noexcept { std::ranges::copy(pose.array(), x.data()); }
+
+ private:
+  Vec6 six_from(Eigen::Index i) const noexcept { return {{x(i), x(i + 1), x(i + 2)}, {x(i + 3), x(i + 4), x(i + 5)}}; }
 };
 
 /// Covariance of an error state, in blocks. Columns of twelve numbers are whole vectors of 128 and of 256 bits; columns

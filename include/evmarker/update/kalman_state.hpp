@@ -13,11 +13,19 @@
 
 namespace evmarker {
 
-/// Twist, covariance of the error state [pose; velocity; biases] and what changes both. Perturbations act on the left,
-/// in the camera frame, rotations about the marker's origin.
+/// Twist, covariance of the error state [pose; velocity; biases] and what changes both. They are those at the mean time
+/// of the last events; from there, the pose has been moved on to the last of them. Perturbations act on the left, in
+/// the camera frame, rotations about the marker's origin.
 struct KalmanState {
+  /// From the state's own time to the pose's.
+  struct Lead {
+    double s = 0;  ///< duration
+    Vec6 motion;   ///< by which the pose was moved for it
+  };
+
   Vec6 twist;  ///< [m/s, rad/s]
   ErrorCovariance P;
+  Lead lead;
 
   /// Scales the velocity, as if its unit of time had changed.
   void scale_velocity(double factor) noexcept {
@@ -32,9 +40,16 @@ struct KalmanState {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
+  /// Goes over to mirrored time, in which the state's own time is after the pose's.
+  void reverse() noexcept {
+    lead.s = -lead.s;
+    scale_velocity(-1);
+  }
+
   /// Goes over to another pose, whose motions are J times those of this one.
   void transform(const Matrix6d& J) noexcept {
     twist = Vec6(Vector6d(J * Vector6d(twist)));
+    lead.motion = Vec6(Vector6d(J * Vector6d(lead.motion)));
     Matrix12d of_state = Matrix12d::Zero();
     of_state.topLeftCorner<6, 6>() = of_state.bottomRightCorner<6, 6>() = J;
     P.xx = (of_state * P.xx * of_state.transpose()).eval();
@@ -42,9 +57,13 @@ struct KalmanState {
     for (Vector12d& column : P.xb) column = (of_state * column).eval();
   }
 
-  /// Variances of the velocity, summed over the axes: of translation [m^2/s^2] and rotation [rad^2/s^2].
-  double translation_variance() const noexcept { return P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8); }
-  double rotation_variance() const noexcept { return P.xx(9, 9) + P.xx(10, 10) + P.xx(11, 11); }
+  /// Variance of the speed of the edges, summed over the three axes [m^2/s^2].
+  /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
+  double speed_variance(double lever2) const noexcept {
+    const double of_translation = P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8),
+                 of_rotation = P.xx(9, 9) + P.xx(10, 10) + P.xx(11, 11);
+    return of_translation + lever2 * of_rotation;
+  }
 
   /// Predicts twist and covariance over a step; the pose moves by motion.moved(twist) with the twist before.
   /// @param q density of the white acceleration along each axis

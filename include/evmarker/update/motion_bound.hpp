@@ -22,6 +22,8 @@ class MotionBound {
   bool is_set() const noexcept { return events_per_px_ > 0; }
   double events_per_px() const noexcept { return events_per_px_; }
   double events_per_passage() const noexcept { return events_per_passage_; }
+  /// How far the edges move while they make so many events [px]; 0 while it is not known.
+  double px(double events) const noexcept { return is_set() ? events / events_per_px_ : 0; }
 
   /// Takes the bound away until the next one is measured.
   void lift() noexcept { most_px_ = most_m_ = kInfinity; }

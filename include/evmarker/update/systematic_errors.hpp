@@ -1,0 +1,130 @@
+#pragma once
+// Errors that many events share, as far as their residuals show them: a delay, a trail, edges that are off.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "evmarker/matching/correspondence.hpp"
+#include "evmarker/update/edge_scatter.hpp"
+#include "evmarker/update/kalman_measurements.hpp"
+#include "evmarker/update/kalman_settings.hpp"
+#include "evmarker/update/model_misfit.hpp"
+#include "evmarker/update/response_time.hpp"
+
+namespace evmarker {
+
+/// What the residuals of events show beside the pose. A Kalman filter takes the errors of events as independent, so
+/// that its own covariance lacks all that does not average out over them: by how much they are late, see ResponseTime,
+/// what its model does not explain, see ModelMisfit, and how far off each edge is, see EdgeScatter.
+class SystematicErrors {
+ public:
+  explicit SystematicErrors(const KalmanSettings& settings)
+      : latency_s_(settings.latency_s),
+        latency_sigma_s_(settings.latency_sigma_s),
+        least_bound_of_trail_px_(settings.initial_trail_px) {}
+
+  /// Adds the residual of an event.
+  [[gnu::always_inline]] void add(int segment, double residual_px, double weight) noexcept {
+    edges_.add(segment, residual_px, weight);
+  }
+  /// Adds the measurement of an event. A fair sample of them is enough.
+  void add_sample(const MeasurementRow& row, double weight) noexcept {
+    edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
+  }
+  /// Adds an event of a moving edge, as ResponseTime::add. A sample is enough.
+  void add_moving_sample(double residual_px, double px_per_s, double polarity) noexcept {
+    response_time_.add(residual_px, px_per_s, polarity);
+  }
+
+  /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
+  /// @param spread_px2 mean squared residual
+  void add_motion(double px, double spread_px2) noexcept {
+    constexpr double kSpreads = 8;  // two to three times the width of an edge
+    moved_px_ += px;
+    if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate();
+  }
+
+  /// Measures what the model does not explain. It takes its time: once in some updates is enough.
+  /// @param moving true while the events are surely those of moving edges
+  /// @param events_per_passage that one pixel makes while an edge passes over it; 0 if it is not known
+  /// @param trail_px as the filter has it
+  [[gnu::noinline]] void measure(double spread_px2, double px_per_s, bool moving, double events_per_passage,
+                                 double trail_px) noexcept {
+    if (moving) misfit_.measure_spread(spread_px2, max_distance_px_, smear_px(px_per_s));
+    if (events_per_passage > 0) {
+      const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
+      // The width tells half a step. And what is not known of a delay looks like a trail.
+      most_trail_px_ = std::max(2 * by_width_px + std::sqrt(response_time_.delay_variance_s2()) * px_per_s,
+                                least_bound_of_trail_px_);
+      // Where it is not known which side of an edge is dark, the filter does not correct the trail.
+      misfit_.compare_trails(edges_.share_of_known_dark_sides() * trail_px, by_width_px);
+    }
+    edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
+  }
+
+  /// Forgets what the residuals showed of a delay.
+  void forget_delay() noexcept { response_time_ = {}; }
+  /// Sets within which distance of an edge events are matched; 2 at first.
+  void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
+
+  /// By how much events are late: the sensor's known delay and its response time [s].
+  double delay_s() const noexcept { return latency_s_ + response_time_.delay_s(); }
+  /// The part of it that also spreads them in time [s].
+  double response_s() const noexcept { return response_time_.delay_s(); }
+  /// Standard deviation by which it spreads the events of edges of a speed [px]. Averaged over edges of all directions,
+  /// the squared speed along the normal is half of the squared speed.
+  double smear_px(double px_per_s) const noexcept {
+    return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s;
+  }
+  /// Variance of the time by which the pose is late [s^2], of which the filter itself knows nothing: motion alone
+  /// cannot tell it from another pose.
+  double delay_variance_s2(double px_per_s) const noexcept {
+    const double lag_s2 = px_per_s > 0 ? misfit_.along_motion_px2() / (px_per_s * px_per_s) : 0;
+    return squared(latency_sigma_s_) + response_time_.delay_variance_s2() + lag_s2;
+  }
+
+  /// The trail that follows from the edges' width, which the spread of the residuals shows.
+  double trail_by_width_px(double spread_px2, double px_per_s, double events_per_passage) const noexcept {
+    return expected_trail_px(edge_width_px(spread_px2, px_per_s), events_per_passage);
+  }
+  /// The longest trail that pixels can make, a whole contrast step; infinite while it is not known.
+  double most_trail_px() const noexcept { return most_trail_px_; }
+
+  /// Covariance of the pose by the errors of whole edges, see EdgeScatter; to be multiplied by `edge_factor`, for what
+  /// the model does not explain.
+  const Matrix6d& edge_covariance() const noexcept { return edges_.covariance(); }
+  double edge_factor() const noexcept { return edge_factor_; }
+  /// See ModelMisfit.
+  bool events_fill_distance() const noexcept { return misfit_.events_fill_distance(); }
+
+  static constexpr double kPixelVariance = 1.0 / 12;  ///< of a coordinate that is rounded to whole pixels [px^2]
+
+ private:
+  static constexpr double squared(double x) noexcept { return x * x; }
+
+  [[gnu::noinline]] void evaluate() noexcept {
+    edges_.evaluate();
+    response_time_.evaluate(max_distance_px_);
+    moved_px_ = 0;
+  }
+
+  // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only; slow pixels smear
+  // them.
+  double edge_width_px(double spread_px2, double px_per_s) const noexcept {
+    const double of_edge = spread_px2 - kPixelVariance - squared(smear_px(px_per_s));
+    return std::sqrt(12 * std::max(of_edge, kPixelVariance));
+  }
+
+  double latency_s_, latency_sigma_s_;  // see KalmanSettings
+  double least_bound_of_trail_px_;
+  EdgeScatter edges_;
+  ResponseTime response_time_;
+  ModelMisfit misfit_;
+  double max_distance_px_ = 2;  // of matched events
+  double moved_px_ = 0;         // by the edges, since the residuals were evaluated
+  double edge_factor_ = 1;
+  double most_trail_px_ = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace evmarker

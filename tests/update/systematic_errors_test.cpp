@@ -1,0 +1,73 @@
+#include "evmarker/update/systematic_errors.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+using namespace evmarker;
+
+namespace {
+
+constexpr double kSpread_px2 = 0.7, kPxPerS = 100;
+
+}  // namespace
+
+TEST_CASE("systematic errors: before an event, they are those of the settings") {
+  KalmanSettings settings;
+  settings.latency_s = 0.002;
+  settings.latency_sigma_s = 0.001;
+  const SystematicErrors errors(settings);
+  CHECK(errors.delay_s() == 0.002);
+  CHECK(errors.response_s() == 0);
+  CHECK(errors.smear_px(kPxPerS) == 0);
+  CHECK(errors.delay_variance_s2(kPxPerS) == doctest::Approx(1e-6));
+  CHECK(errors.edge_covariance().isZero(0));
+  CHECK(errors.edge_factor() == 1);
+  CHECK(errors.most_trail_px() == std::numeric_limits<double>::infinity());
+  CHECK_FALSE(errors.events_fill_distance());
+}
+
+TEST_CASE("systematic errors: the width of the edges bounds the trail") {
+  KalmanSettings settings;
+  for (const double initial_trail_px : {0.0, 5.0}) {
+    settings.initial_trail_px = initial_trail_px;
+    SystematicErrors errors(settings);
+    errors.measure(kSpread_px2, kPxPerS, true, 0, 0);
+    CHECK(errors.most_trail_px() == std::numeric_limits<double>::infinity());
+    errors.measure(kSpread_px2, kPxPerS, true, 4, 0);
+    const double trail_px = errors.trail_by_width_px(kSpread_px2, kPxPerS, 4);
+    CHECK(trail_px > 0.1);
+    CHECK(errors.most_trail_px() == doctest::Approx(std::max(2 * trail_px, initial_trail_px)));
+  }
+}
+
+TEST_CASE("systematic errors: a spread beyond that of a focused sensor makes the time of the pose uncertain") {
+  SystematicErrors errors{KalmanSettings()};
+  const double known_s2 = errors.delay_variance_s2(kPxPerS);
+  errors.measure(1.1, kPxPerS, false, 0, 0);  // perhaps noise
+  CHECK(errors.delay_variance_s2(kPxPerS) == known_s2);
+  errors.measure(1.1, kPxPerS, true, 0, 0);
+  CHECK(errors.delay_variance_s2(kPxPerS) > known_s2 + 0.5 / (kPxPerS * kPxPerS));
+  CHECK(errors.events_fill_distance());
+  errors.set_max_distance_px(3);
+  errors.measure(1.1, kPxPerS, true, 0, 0);
+  CHECK_FALSE(errors.events_fill_distance());
+}
+
+TEST_CASE("systematic errors: those of whole edges are evaluated when the edges have moved by several widths") {
+  SystematicErrors errors{KalmanSettings()};
+  for (int i = 0; i < 700; ++i) {
+    const auto of_state = static_cast<std::size_t>(i % 7);
+    MeasurementRow row{};
+    row[of_state] = 1;
+    errors.add(i % 10, i % 10 < 5 ? 0.1 : -0.1, 1);
+    errors.add_sample(row, 1);
+  }
+  errors.add_motion(1, kSpread_px2);
+  CHECK(errors.edge_covariance().isZero(0));
+  errors.add_motion(10, kSpread_px2);
+  // Ten edges that err by 0.1 px; a seventh of the events shows each element of the pose.
+  for (int i = 0; i < 6; ++i) CHECK(errors.edge_covariance()(i, i) == doctest::Approx(0.01 / 10 * 7));
+}
