@@ -37,7 +37,7 @@ class AdaptiveMotion {
 
   /// Adds an event. A fair sample of them is enough.
   /// @param px_per_s speed of its edge along the normal
-  void add_sample(const EdgeGradients::Gradient& gradient, double px_per_s) noexcept {
+  [[gnu::always_inline]] void add_sample(const EdgeGradients::Gradient& gradient, double px_per_s) noexcept {
     gradients_.add(gradient);
     velocity_memory_.add_speed(px_per_s);
   }

@@ -27,7 +27,7 @@ class EdgeScatter {
   }
 
   /// Adds the row of an event. It need not be that of every event, only a fair sample.
-  void add_row(const Row& row, double weight) noexcept {
+  [[gnu::always_inline]] void add_row(const Row& row, double weight) noexcept {
     for (std::size_t k = 0; k < kStates; ++k)
       for (std::size_t i = 0; i <= k; ++i) rows_[k][i] += weight * row[k] * row[i];
     rows_weight_ += weight;

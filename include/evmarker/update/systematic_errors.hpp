@@ -29,11 +29,11 @@ class SystematicErrors {
     edges_.add(segment, residual_px, weight);
   }
   /// Adds the measurement of an event. A fair sample of them is enough.
-  void add_sample(const MeasurementRow& row, double weight) noexcept {
+  [[gnu::always_inline]] void add_sample(const MeasurementRow& row, double weight) noexcept {
     edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
   }
   /// Adds an event of a moving edge, as ResponseTime::add. A sample is enough.
-  void add_moving_sample(double residual_px, double px_per_s, double polarity) noexcept {
+  [[gnu::always_inline]] void add_moving_sample(double residual_px, double px_per_s, double polarity) noexcept {
     response_time_.add(residual_px, px_per_s, polarity);
   }
 
