@@ -2,7 +2,10 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
+#include <random>
+#include <span>
 #include <vector>
 
 using namespace evmarker;
@@ -88,4 +91,29 @@ TEST_CASE("after events that are missing it goes on at the time that it is told"
   guard.restart(100000);
   CHECK(guard.faults() == 1);
   CHECK(through(guard, {100010}) == Times{100010});
+}
+
+TEST_CASE("many events at once come out as they do one by one") {
+  std::mt19937 random(1);
+  Times times;
+  for (Timestamp t = 0; times.size() < 5000; t += static_cast<Timestamp>(random() % 20)) {
+    if (random() % 50 == 0) t += static_cast<Timestamp>(random() % 2000) - 1000;  // stays there
+    times.push_back(t);
+    if (random() % 50 == 0) times.back() += static_cast<Timestamp>(random() % 20000) - 10000;  // a fault
+  }
+  TimeGuard one_by_one, at_once;
+  const Times expected = through(one_by_one, times);
+  std::vector<Event> events;
+  for (const Timestamp t : times) events.push_back({.t = t});
+  Times out;
+  for (std::span<const Event> all(events); !all.empty();) {
+    std::span<const Event> batch = all.first(std::min<std::size_t>(all.size(), random() % 1500));
+    all = all.subspan(batch.size());
+    while (!batch.empty())
+      for (const Event& event : at_once.next(batch)) out.push_back(event.t);
+  }
+  CHECK(out == expected);
+  CHECK(at_once.faults() == one_by_one.faults());
+  CHECK(at_once.faults() > 10);
+  CHECK(out.size() > 4000);
 }

@@ -1,9 +1,11 @@
 #pragma once
 // Finds single events whose time is wrong, by a fault of transmission, before they do harm.
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <utility>
 
 #include "evmarker/events/event.hpp"
 
@@ -48,6 +50,17 @@ class TimeGuard {
   /// Reports that events counted by `passing` have been taken, without `judge`; the last of them at this time.
   void passed(Timestamp last) noexcept { last_t_ = last; }
 
+  /// Takes events from the front of a span, and returns those that are to be used next: as many as confirm each other,
+  /// the held one, or none. To be called again while any are left.
+  std::span<const Event> next(std::span<const Event>& events) noexcept {
+    constexpr std::size_t kTogether = 1024;  // so few that they stay cached
+    const std::size_t count = passing(events.first(std::min(events.size(), kTogether)));
+    if (count == 0) [[unlikely]]
+      return next_by_judging(events);
+    passed(events[count - 1].t);
+    return take(events, count);
+  }
+
   /// The event that is held back, or that was held back last.
   const Event& held() const noexcept { return held_; }
   /// True if an event is held back and one at this time would release it.
@@ -74,6 +87,21 @@ class TimeGuard {
   static bool near(Timestamp last, Timestamp t) noexcept { return elapsed_us(last, t) + kNear_us < 2 * kNear_us + 1; }
   static std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     return a < b ? elapsed_us(a, b) : elapsed_us(b, a);
+  }
+
+  static std::span<const Event> take(std::span<const Event>& events, std::size_t count) noexcept {
+    return std::exchange(events, events.subspan(count)).first(count);
+  }
+
+  [[gnu::noinline]] std::span<const Event> next_by_judging(std::span<const Event>& events) noexcept {
+    if (events.empty()) return {};
+    switch (judge(events.front())) {
+      case Verdict::pass: return take(events, 1);
+      case Verdict::release: return {&held_, 1};
+      case Verdict::hold: break;
+    }
+    take(events, 1);
+    return {};
   }
 
   [[gnu::noinline]] Verdict judge_carefully(const Event& event) noexcept {

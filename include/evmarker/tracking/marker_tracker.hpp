@@ -4,7 +4,6 @@
 #include <chrono>
 #include <concepts>
 #include <cstddef>
-#include <limits>
 #include <optional>
 #include <ranges>
 #include <span>
@@ -14,13 +13,14 @@
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/time_guard.hpp"
 #include "evmarker/model/pose_estimate.hpp"
-#include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/search/start_pose_search.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
 #include "evmarker/tracking/marker_tracker_settings.hpp"
+#include "evmarker/tracking/pose_report.hpp"
 #include "evmarker/tracking/tilt_check.hpp"
 #include "evmarker/tracking/track_health.hpp"
+#include "evmarker/tracking/track_progress.hpp"
 #include "evmarker/tracking/verification.hpp"
 #include "evmarker/tracking/visibility.hpp"
 #include "evmarker/update/kalman_update.hpp"
@@ -50,6 +50,7 @@ class MarkerTracker {
         health_(follower_.matcher().model(), lines_of_sight_.focal_length(), settings.health),
         visibility_(follower_.matcher().model()),
         tilt_(follower_),
+        progress_(settings.converging_events),
         t_(t) {
     validate(settings);
     pose_.id = id;
@@ -80,16 +81,8 @@ class MarkerTracker {
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
-      while (!block.empty()) {
-        const std::size_t count = guard_.passing(block.first(std::min(block.size(), kCheckedTogether)));
-        if (count > 0) {
-          push_checked(block.first(count), [&](const PoseEstimate& pose, const Event&) { use(pose); });
-          guard_.passed(block[count - 1].t);
-        } else {
-          push_suspect(block.front(), use);
-        }
-        block = block.subspan(std::max<std::size_t>(count, 1));
-      }
+      while (!block.empty())
+        push_checked(guard_.next(block), [&](const PoseEstimate& pose, const Event&) { use(pose); });
     });
   }
 
@@ -98,7 +91,7 @@ class MarkerTracker {
   template <std::invocable<const PoseEstimate&, const Event&> Use>
   void push_checked(std::span<const Event> events,
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>(), Event()))) {
-    while (!events.empty() && state_ != TrackingState::lost) {
+    while (!events.empty() && !progress_.lost()) {
       const bool single = events.size() == 1 || start_pending_ || !accepts_groups();
       std::size_t taken = 1;
       if (!single)
@@ -111,7 +104,7 @@ class MarkerTracker {
 
   /// The same for one event; returns as `push` does.
   [[gnu::noinline]] const PoseEstimate* push_checked(const Event& event) noexcept {
-    return state_ != TrackingState::lost ? push_one(event) : nullptr;
+    return progress_.lost() ? nullptr : push_one(event);
   }
 
   /// Events that were discarded because the events before and after contradict their times.
@@ -125,7 +118,7 @@ class MarkerTracker {
   /// there were none, so that the marker did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
-    if (state_ == TrackingState::lost || missing <= kHarmlessGap) return nullptr;
+    if (progress_.lost() || missing <= kHarmlessGap) return nullptr;
     if (searching()) {
       start_search_->forget();
       return nullptr;
@@ -162,7 +155,7 @@ class MarkerTracker {
 
   /// Declares the marker lost, for a reason that only the caller knows. Returns the last pose.
   [[gnu::noinline]] const PoseEstimate& lose(LossReason reason) noexcept {
-    state_ = TrackingState::lost;
+    progress_.lose();
     pose_.quality.loss_reason = reason;
     return refresh_pose();
   }
@@ -188,7 +181,7 @@ class MarkerTracker {
   /// True only if the next `events` events, whichever they are, cannot change the pose, the state or `reliable()`. May
   /// be false although nothing would change.
   bool unchanged_by_next(std::size_t events) const noexcept {
-    if (events == 0 || state_ == TrackingState::lost) return true;
+    if (events == 0 || progress_.lost()) return true;
     return !start_pending_ && !tilt_.comparing() && events < follower_.until_update() &&
            !verification_.ends_within(events) && health_.not_due_within(events);
   }
@@ -204,27 +197,14 @@ class MarkerTracker {
   /// events come so late that they lie anywhere near the edges, or while a flat marker may as well be tilted to the
   /// other side.
   TrackingState state() const noexcept {
-    return state_ == TrackingState::tracking && (health_.doubtful() || events_fill_distance() || tilt_.doubtful())
+    return progress_.tracking() && (health_.doubtful() || events_fill_distance() || tilt_.doubtful())
                ? TrackingState::converging
-               : state_;
+               : progress_.state();
   }
   const MarkerModel& model() const noexcept { return follower_.matcher().model(); }
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
-  // For an event whose time may be wrong. It is held in place of the one held so far; or it confirms that one, which is
-  // then pushed first; or it passes.
-  template <typename Use>
-  [[gnu::noinline]] void push_suspect(const Event& event, const Use& use) {
-    TimeGuard::Verdict verdict = guard_.judge(event);
-    if (verdict == TimeGuard::Verdict::release) {
-      if (const PoseEstimate* const pose = push_checked(guard_.held())) use(*pose);
-      verdict = guard_.judge(event);
-    }
-    if (verdict != TimeGuard::Verdict::pass) return;
-    if (const PoseEstimate* const pose = push_checked(event)) use(*pose);
-  }
-
   [[gnu::always_inline]] const PoseEstimate* push_one(const Event& event) noexcept {
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Vec2 m = lines_of_sight_(event);
@@ -250,11 +230,10 @@ class MarkerTracker {
     });
     const auto after = [&](std::size_t i, const auto& result) __attribute__((always_inline)) {
       if (const PoseEstimate* const pose = after_event(events[i], result)) use(*pose, events[i]);
-      return state_ != TrackingState::lost && !tilt_.comparing();
+      return !progress_.lost() && !tilt_.comparing();
     };
     std::size_t taken = 0;
-    while (taken < group.count() && accepts_groups() && state_ != TrackingState::lost)
-      taken = follower_.push(group, taken, after);
+    while (taken < group.count() && accepts_groups() && !progress_.lost()) taken = follower_.push(group, taken, after);
     return taken;
   }
 
@@ -271,9 +250,10 @@ class MarkerTracker {
       apply_verification(*error);
     if (updated) after_update();
     // With updates and near events only: an event that is merely collected stays cheap.
-    if (settled_ && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
-    if (health_.lost() || certain_loss_ != LossReason::none) [[unlikely]]
-      return &lose(certain_loss_ != LossReason::none ? certain_loss_ : health_.reason());
+    if (progress_.settled() && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
+    const LossReason certain = progress_.certain_loss();
+    if (health_.lost() || certain != LossReason::none) [[unlikely]]
+      return &lose(certain != LossReason::none ? certain : health_.reason());
     if (!updated) return nullptr;
     const Eigen::Isometry3d& T = follower_.T_camera_marker();
     if (!follower_.in_front() || visibility_.out_of_image(T, lines_of_sight_.image()))
@@ -285,28 +265,24 @@ class MarkerTracker {
 
   // Counts an update, and lets the state converge.
   void after_update() noexcept {
-    matched_ += follower_.last_update().matched;
+    progress_.add_update(follower_.last_update().matched, t_);
     pose_.quality.updated_t = t_;
     if (!ambiguous_ && tilt_.judge(follower_)) {
       verification_.restart(follower_);
       health_.restart_edges();
     }
-    if (state_ == TrackingState::converging) converge();
+    if (progress_.converging()) converge();
   }
 
-  // The first updates only refine the start pose. Once it has been refined (settled, see `settles`), a
-  // brief verification over the events that follow decides whether the marker is `tracking`.
+  // Once the start has settled, a brief verification over the events that follow decides whether the marker is
+  // `tracking`.
   [[gnu::noinline]] void converge() noexcept {
-    converging_since_ = std::min(converging_since_, t_);
-    if (!settled_ && settles()) {
-      settled_ = true;
+    if (!progress_.settled() && settles()) {
+      progress_.settle();
       health_.restart(t_);
       verification_.restart(follower_, VerificationWindow::brief);
     }
-    if (elapsed_us(converging_since_, t_) > kLongestConverging_us) certain_loss_ = LossReason::not_confirmed;
-    if (ambiguous_ || !verified_ || matched_ < settings_.converging_events || !health_.sure()) return;
-    state_ = TrackingState::tracking;
-    follower_.enable_rest_detection();
+    if (!ambiguous_ && health_.sure() && progress_.confirm()) follower_.enable_rest_detection();
   }
 
   // True once the start has been refined: by enough matched events, or at once after a start search, which has fitted
@@ -314,43 +290,30 @@ class MarkerTracker {
   // there were four times as many events.
   bool settles() const noexcept {
     const int needed = follower_.events_to_fix_pose();
+    const bool refined = progress_.matched() >= needed || start_search_;
     if constexpr (MotionEstimatingRule<Rule>)
-      return (matched_ >= needed || start_search_) &&
-             (matched_ >= 4 * needed || vertices_known_to_matching_distance(estimate()));
+      return refined && (progress_.matched() >= 4 * needed || vertices_known_to_matching_distance(estimate()));
     else
-      return matched_ >= needed || start_search_;
+      return refined;
   }
 
   // Judges each edge by the events that it made, and learns how many a pixel makes in a passage. Not before the start
   // has settled: until then corrections move the pose, and edges would seem to have passed pixels that they never
   // passed.
   [[gnu::noinline]] void judge_edges() noexcept {
-    if (!settled_) return health_.restart_edges();
+    if (!progress_.settled()) return health_.restart_edges();
     health_.judge_edges(model(), T_camera_marker(), t_, follower_.middle_events());
-    if (state_ == TrackingState::tracking && health_.events_per_passage() > 0) {
+    if (progress_.tracking() && health_.events_per_passage() > 0) {
       follower_.set_events_per_passage(health_.events_per_passage());
       follower_.set_contrasts(health_.contrasts());
     }
   }
 
   // Sets everything but the id, the time of the last update, the reason of a loss and the results of verification.
-  // Written in place: with a pose for every event, making and copying it would cost as much as the matching.
   PoseEstimate& fill(PoseEstimate& pose) const noexcept {
-    const Rule& rule = follower_.rule();
     pose.t = t_;
-    pose.T_camera_marker = follower_.T_camera_marker();
-    if constexpr (MotionEstimatingRule<Rule>) {
-      pose.covariance = rule.covariance();
-      pose.twist = rule.twist();
-    }
-    if constexpr (requires { rule.delay_s(); })
-      if (const double delay_s = rule.delay_s(); delay_s > 0) perturb(pose.T_camera_marker, delay_s * *pose.twist);
-    if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
-    if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
+    report(follower_, pose);
     pose.quality.state = state();
-    pose.quality.matched = follower_.last_update().matched;
-    pose.quality.offered = follower_.last_update().offered;
-    pose.quality.residual_px = follower_.last_update().residual_px;
     pose.quality.health = health_.probability();
     return pose;
   }
@@ -368,7 +331,7 @@ class MarkerTracker {
     }
     start_search_->keep(event);
     const PoseEstimate* pose = nullptr;
-    for (int i = 0; i < kReplayed && start_pending_ && state_ != TrackingState::lost; ++i) {
+    for (int i = 0; i < kReplayed && start_pending_ && !progress_.lost(); ++i) {
       const Event past = start_search_->replay();
       if (const auto* next = follow(past, lines_of_sight_(past))) pose = next;
       start_pending_ = start_search_->replaying();
@@ -383,22 +346,14 @@ class MarkerTracker {
       return false;
   }
 
-  // Acts on the result of a verification. A converging tracker may fail because its start was off. Later, one failure
-  // may be chance, so that the next window begins at once; after two in a row the marker is lost.
   [[gnu::noinline]] void apply_verification(const BacktrackError& error) noexcept {
     pose_.quality.backtrack_px = error.translation_px;
     pose_.quality.backtrack_rad = error.rotation_rad;
     pose_.quality.backtrack_angle_rad = error.angle_rad;
     pose_.quality.backtrack_t = t_;
     const bool passed = verification_.passes(error);
-    verified_ |= passed && settled_;
-    if (settled_) health_.judge_verification(passed);
-    if (passed || state_ != TrackingState::tracking) {
-      suspected_ = false;
-      return;
-    }
-    if (std::exchange(suspected_, true)) certain_loss_ = LossReason::verification;
-    verification_.restart(follower_);
+    if (progress_.settled()) health_.judge_verification(passed);
+    if (progress_.add_verification(passed)) verification_.restart(follower_);
   }
 
   // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.
@@ -409,10 +364,6 @@ class MarkerTracker {
            });
   }
 
-  // Events whose times are checked in one go, before any of them is tracked: so few that they stay cached.
-  static constexpr std::size_t kCheckedTogether = 16 * EventGroup::kMost;
-  static constexpr std::uint64_t kLongestConverging_us = 2000000;
-
   Settings settings_;
   UndistortionTable lines_of_sight_;
   TimeGuard guard_;
@@ -422,18 +373,12 @@ class MarkerTracker {
   std::optional<StartPoseSearch> start_search_;  // kept when it is done: nothing is freed while events come
   Visibility visibility_;
   TiltCheck<Rule> tilt_;
-  PoseEstimate pose_;  // the last one reported, with the present results of verification
-  TrackingState state_ = TrackingState::converging;
+  TrackProgress progress_;
+  PoseEstimate pose_;            // the last one reported, with the present results of verification
   bool start_pending_ = false;   // the start search has not found a pose, or not replayed all events since that pose
   Timestamp t_;                  // of the last event on or near the marker, or of its start
   bool had_near_event_ = false;  // there has been an event on or near the marker
-  std::int64_t matched_ = 0;
-  bool ambiguous_ = false;                      // another pose may be the right one
-  bool settled_ = false;                        // the start has been refined: what follows is evidence
-  bool verified_ = false;                       // a verification has passed since it has settled
-  bool suspected_ = false;                      // the last verification failed
-  LossReason certain_loss_ = LossReason::none;  // reason to give up at once, whatever `health_` says
-  Timestamp converging_since_ = std::numeric_limits<Timestamp>::max();
+  bool ambiguous_ = false;       // another pose may be the right one
 };
 
 }  // namespace evmarker
