@@ -18,6 +18,7 @@
 #include "evmarker/tracking/choice_lifetime.hpp"
 #include "evmarker/tracking/edge_follower_settings.hpp"
 #include "evmarker/tracking/edge_length.hpp"
+#include "evmarker/tracking/update_interval.hpp"
 #include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
@@ -39,12 +40,11 @@ class EdgeFollower {
   /// @throws std::invalid_argument naming the setting, or a pose that does not have the model in front of the camera
   EdgeFollower(MarkerModel model, double focal_length, const Eigen::Isometry3d& T_camera_marker,
                const Settings& settings)
-      : events_per_update_(settings.events_per_update == kAutomatic ? kMostEvents : settings.events_per_update),
-        adapts_events_per_update_(settings.events_per_update == kAutomatic),
+      : interval_(settings.events_per_update),
         matcher_(std::move(model), focal_length, settings.matching),
         max_distance_px_(settings.matching.max_distance_px),
         edge_length_(matcher_.model(), focal_length),
-        rule_(settings.update, events_per_update_),
+        rule_(settings.update, interval_.events()),
         T_camera_marker_(T_camera_marker),
         middle_events_(matcher_.model().segments.size()),
         contrasts_(matcher_.model().segments.size(), 1.0f) {
@@ -53,7 +53,7 @@ class EdgeFollower {
       throw std::invalid_argument("T_camera_marker is no rotation and translation");
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
-    set_events_per_update(events_per_update_);
+    set_events_per_update(interval_.events());
     adapt_to_edge_length();
   }
 
@@ -82,19 +82,15 @@ class EdgeFollower {
   template <typename After>
   [[gnu::always_inline]] std::size_t push(const EventGroup& events, std::size_t first,
                                           const After& after) noexcept(noexcept(after(first, Result()))) {
-    if (!matcher_.grid().on_grid()) return push_to_board(events, first, after);
+    const GridMatcher& grid = matcher_.grid();
+    if (!grid.on_grid()) return push_to_board(events, first, after);
     const std::size_t end = std::min(events.count(), first + batch_size());
     GridMatcher::Choices choices;
-    const unsigned chosen = matcher_.grid().edge_choices();
-    matcher_.grid().choose_many(events, first, end - first, choices);
-    for (std::size_t i = first; i < end; ++i) {
-      const Vec2 m{events.x[i], events.y[i]};
-      const auto choice = matcher_.grid().choice(choices.stretch[i - first], m);
-      const Result result = collect(m, events.t[i], events.polarity[i], matcher_.grid(), choice);
-      const bool go_on = after(i, result);
-      if (!go_on || matcher_.grid().edge_choices() != chosen) return i + 1;
-    }
-    return end;
+    grid.choose_many(events, first, end - first, choices);
+    const auto collect_chosen = [&](std::size_t i, Vec2 m) __attribute__((always_inline)) {
+      return collect(m, events.t[i], events.polarity[i], grid, grid.choice(choices.stretch[i - first], m));
+    };
+    return collect_while_chosen(grid, events, first, end, collect_chosen, after);
   }
 
   /// Sets how many events a pixel makes while an edge passes over it: for the rule's trail and, with a rule that
@@ -115,17 +111,16 @@ class EdgeFollower {
   std::span<const std::uint32_t> middle_events() const noexcept { return middle_events_; }
   /// Sets the contrast of each segment, relative to the mean of all.
   void set_contrasts(std::span<const float> contrasts) noexcept { std::ranges::copy(contrasts, contrasts_.begin()); }
-  std::span<const float> contrasts() const noexcept { return contrasts_; }
   /// To be called once the pose is known to be right: many events beside the edges then mean that there is only
   /// background and the marker rests, see BackgroundShare.
   void enable_rest_detection() noexcept { may_rest_ = true; }
-  int events_per_update() const noexcept { return events_per_update_; }
+  int events_per_update() const noexcept { return interval_.events(); }
 
   /// How many events are enough to determine the pose: two per pixel of edge length, from 20 to 500.
   int events_to_fix_pose() const noexcept { return static_cast<int>(std::clamp(2 * length_px(), 20.0, 500.0)); }
 
   /// Matched events that the next update still needs.
-  std::size_t until_update() const noexcept { return static_cast<std::size_t>(events_per_update_ - matched_); }
+  std::size_t until_update() const noexcept { return static_cast<std::size_t>(interval_.events() - matched_); }
 
   /// Goes on from another pose; the rule keeps its state.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
@@ -182,8 +177,6 @@ class EdgeFollower {
 
  private:
   static constexpr int kFewestForBatch = 4;
-  static constexpr int kMostEvents = 100;    // the paper's n
-  static constexpr double kMotion_px = 0.1;  // of the edges between automatic updates
   // The pose at which the edge of an event is chosen is renewed when a corner has moved farther than this [px]. Without
   // a motion model the pose moves to and fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
@@ -204,19 +197,13 @@ class EdgeFollower {
   void adapt_to_edge_length() noexcept {
     adapt_to_spread();
     const double length_px = this->length_px();
-    if (adapts_events_per_update_) {
-      const double events =
-          std::clamp(kMotion_px * std::max(events_per_passage_, 1.0) * length_px, 1.0, 1.0 * kMostEvents);
-      // Not for every small change of the distance.
-      if (std::abs(events - events_per_update_) > events_per_update_ / 8.0)
-        set_events_per_update(static_cast<int>(events));
-    }
+    if (interval_.adapt(length_px, events_per_passage_)) set_events_per_update(interval_.events());
     if constexpr (NoiseAwareRule<Rule>)
       if (std::abs(length_px - measured_length_px_) > length_px / 8) {
         if (const auto share = matching_share(matcher_)) background_.expect_matching(*share);
         measured_length_px_ = length_px;
       }
-    choice_lifetime_.begin(length_px, events_per_update_);
+    choice_lifetime_.begin(length_px, interval_.events());
     bound_motion(length_px);
   }
 
@@ -228,7 +215,6 @@ class EdgeFollower {
   double length_px() const noexcept { return edge_length_.px(T_camera_marker_); }
 
   void set_events_per_update(int events) noexcept {
-    events_per_update_ = events;
     rule_.set_events_per_update(events);
     adds_in_batches_ = BatchUpdateRule<Rule> && events >= kFewestForBatch;
   }
@@ -236,7 +222,7 @@ class EdgeFollower {
   // For how many events to choose edges in one batch: as many as may still be matched until edges are chosen anew, a
   // quarter more for those that match none, in whole lanes. Choices for later ones would be outdated before use.
   std::size_t batch_size() const noexcept {
-    const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(events_per_update_, matched_));
+    const auto left = static_cast<std::size_t>(choice_lifetime_.events_left(interval_.events(), matched_));
     return std::min(GridMatcher::Choices::kMost, (left + left / 4 + simd::kLanes - 1) / simd::kLanes * simd::kLanes);
   }
 
@@ -244,24 +230,32 @@ class EdgeFollower {
   template <typename After>
   [[gnu::noinline]] std::size_t push_to_board(const EventGroup& events, std::size_t first, const After& after) {
     const std::size_t end = std::min(events.count(), first + batch_size());
+    const BoardMatcher& board = *matcher_.board();
     BoardMatcher::Choices choices;
-    const unsigned chosen = matcher_.edge_choices();
-    matcher_.board()->choose_many(events, first, end - first, choices);
-    for (std::size_t i = first; i < end; ++i) {
-      const Vec2 m{events.x[i], events.y[i]};
-      const Result result = collect(m, events.t[i], events.polarity[i], choices, i - first);
-      const bool go_on = after(i, result);
-      if (!go_on || matcher_.edge_choices() != chosen) return i + 1;
-    }
-    return end;
+    board.choose_many(events, first, end - first, choices);
+    const auto collect_chosen = [&](std::size_t i, Vec2 m) __attribute__((always_inline)) {
+      const int stretch = choices.stretch[i - first];
+      if (const BoardMatcher::Marker* const marker = choices.marker[i - first])
+        return collect(m, events.t[i], events.polarity[i], *marker, marker->matcher.choice(stretch, m));
+      if (stretch == GridMatcher::Choices::kFar) return Result{MatchResult::far};
+      return push_by_segments_or_board(m, events.t[i], events.polarity[i]);
+    };
+    return collect_while_chosen(board, events, first, end, collect_chosen, after);
   }
 
-  [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Choices& choices,
-                                        std::size_t i) noexcept {
-    if (const BoardMatcher::Marker* const marker = choices.marker[i])
-      return collect(m, t, polarity, *marker, marker->matcher.choice(choices.stretch[i], m));
-    if (choices.stretch[i] == GridMatcher::Choices::kFar) return {MatchResult::far};
-    return push_by_segments_or_board(m, t, polarity);
+  // Collects the events from `first` to `end` until `after` returns false, or the matcher chooses edges anew. Returns
+  // the number of the first event that was not collected.
+  template <typename Matcher, typename Collect, typename After>
+  [[gnu::always_inline]] static std::size_t collect_while_chosen(const Matcher& matcher, const EventGroup& events,
+                                                                 std::size_t first, std::size_t end,
+                                                                 const Collect& collect, const After& after) {
+    const unsigned chosen = matcher.edge_choices();
+    for (std::size_t i = first; i < end; ++i) {
+      const Result result = collect(i, Vec2(events.x[i], events.y[i]));
+      const bool go_on = after(i, result);
+      if (!go_on || matcher.edge_choices() != chosen) return i + 1;
+    }
+    return end;
   }
 
   [[gnu::always_inline]] Result collect(Vec2 m, Timestamp t, double polarity, const BoardMatcher::Marker& marker,
@@ -282,7 +276,7 @@ class EdgeFollower {
     if (adds_in_batches_) {
       ++offered_;
       matches_.set(matches_.count++, m, t, polarity, number, first_segment, *choice.edge);
-      const bool enough = ++matched_ == events_per_update_;
+      const bool enough = ++matched_ == interval_.events();
       if (matches_.count == simd::kLanes) add_matches();
       return {choice.result, enough && update(t), first_segment + choice.edge->segment};
     }
@@ -303,7 +297,7 @@ class EdgeFollower {
     count_in_middle(correspondence.segment, correspondence.from_end_px2);
     rule_.add(correspondence, T_camera_marker_);
     squared_px_ += correspondence.squared_px;
-    const bool enough = ++matched_ == events_per_update_;
+    const bool enough = ++matched_ == interval_.events();
     return {match, enough && update(t), correspondence.segment};
   }
 
@@ -369,8 +363,7 @@ class EdgeFollower {
     matches_.count = 0;
   }
 
-  int events_per_update_;
-  bool adapts_events_per_update_;
+  UpdateInterval interval_;
   double events_per_passage_ = 0;  // 0: not known
   ModelMatcher matcher_;
   double max_distance_px_;  // of events whose edges do not move
