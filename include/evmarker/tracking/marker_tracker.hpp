@@ -69,9 +69,16 @@ class MarkerTracker {
   template <EventLike E>
   [[gnu::flatten]] const PoseEstimate* push(const E& event) noexcept {
     const Event own = to_event(event);
-    const PoseEstimate* last = nullptr;
-    push(std::span(&own, 1), [&](const PoseEstimate& pose) { last = &pose; });
-    return last;
+    const PoseEstimate* of_held = nullptr;
+    TimeGuard::Verdict verdict = guard_.judge(own);
+    if (verdict == TimeGuard::Verdict::release) [[unlikely]] {
+      of_held = push_checked(guard_.held());
+      verdict = guard_.judge(own);
+    }
+    if (verdict == TimeGuard::Verdict::hold || progress_.lost()) [[unlikely]]
+      return of_held;
+    const PoseEstimate* const pose = push_one(own);
+    return pose ? pose : of_held;
   }
 
   /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are the same as with single

@@ -22,7 +22,7 @@ class SystematicErrors {
   explicit SystematicErrors(const KalmanSettings& settings)
       : latency_s_(settings.latency_s),
         latency_sigma_s_(settings.latency_sigma_s),
-        least_bound_of_trail_px_(settings.initial_trail_px) {}
+        initial_trail_px_(settings.initial_trail_px) {}
 
   /// Adds the residual of an event.
   [[gnu::always_inline]] void add(int segment, double residual_px, double weight) noexcept {
@@ -55,8 +55,8 @@ class SystematicErrors {
     if (events_per_passage > 0) {
       const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
       // The width tells half a step. And what is not known of a delay looks like a trail.
-      most_trail_px_ = std::max(2 * by_width_px + std::sqrt(response_time_.delay_variance_s2()) * px_per_s,
-                                least_bound_of_trail_px_);
+      most_trail_px_ =
+          std::max(2 * by_width_px + std::sqrt(response_time_.delay_variance_s2()) * px_per_s, initial_trail_px_);
       // Where it is not known which side of an edge is dark, the filter does not correct the trail.
       misfit_.compare_trails(edges_.share_of_known_dark_sides() * trail_px, by_width_px);
     }
@@ -116,8 +116,7 @@ class SystematicErrors {
     return std::sqrt(12 * std::max(of_edge, kPixelVariance));
   }
 
-  double latency_s_, latency_sigma_s_;  // see KalmanSettings
-  double least_bound_of_trail_px_;
+  double latency_s_, latency_sigma_s_, initial_trail_px_;  // see KalmanSettings
   EdgeScatter edges_;
   ResponseTime response_time_;
   ModelMisfit misfit_;
