@@ -135,7 +135,7 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
 TEST_CASE("EventReader: what is compressed is called so, with the command that unpacks it") {
   const TemporaryFolder folder;
   CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw: is compressed by gzip, unpack it: gunzip <"));
-  CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw >unpacked_a.raw"));
+  CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw' >'unpacked_a.raw'"));
   CHECK(refuses<EventReader>(folder / "a", "\x28\xb5\x2f\xfd", "zstd, unpack it: unzstd <"));
   CHECK(refuses<EventReader>(folder / "a.csv", "BZh91AY&SY", "bzip2, unpack it: bunzip2 <"));
   CHECK(refuses<EventReader>(folder / "a.raw",

@@ -491,6 +491,21 @@ TEST_CASE("missing events are bridged as long as the motion tells where the edge
   }
 }
 
+TEST_CASE(
+    "a gap right after a start search has found the marker loses it, as the events since then are not replayed yet") {
+  const Trajectory motion = simulated::near_motion(45);
+  const auto events = simulated::filtered(simulated::near_events(motion, 0.2, 45));
+  MarkerTracker tracker(simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()), motion(0),
+                        {.start_search = StartPoseSearchSettings{}});
+  REQUIRE(tracker.searching());
+  for (std::size_t i = 0; i < events.size() && tracker.searching(); ++i) tracker.push(events[i]);
+  REQUIRE_FALSE(tracker.searching());
+  REQUIRE(tracker.state() == TrackingState::converging);
+  const PoseEstimate* const last = tracker.skip(std::chrono::milliseconds(5));
+  REQUIRE(last);
+  CHECK(last->quality.loss_reason == LossReason::events_missing);
+}
+
 TEST_CASE("a gap while the marker rests takes it where pose_at says, not on by the velocity it had") {
   const Trajectory motion = trajectory::stop_and_go(simulated::near_motion(72), 0.15, 0.4);
   const auto events = simulated::near_events(motion, 0.4, 72);

@@ -97,8 +97,10 @@ inline RecordingError not_supported(const std::filesystem::path& path, std::stri
 }
 
 inline RecordingError compressed(const std::filesystem::path& path, std::string_view name, std::string_view unpack) {
-  return {path, "is compressed by " + std::string(name) + ", unpack it: " + std::string(unpack) + " <" + path.string() +
-                    " >unpacked_" + path.filename().string()};
+  const std::filesystem::path unpacked =
+      path.stem().has_extension() ? path.stem() : path.filename();  // x.raw.gz: x.raw
+  return {path, "is compressed by " + std::string(name) + ", unpack it: " + std::string(unpack) + " <'" +
+                    path.string() + "' >'unpacked_" + unpacked.string() + "'"};
 }
 
 inline bool looks_like_text(std::string_view head) {

@@ -26,7 +26,7 @@ class EdgeActivity {
   /// @param focal_length [px]
   EdgeActivity(const MarkerModel& model, double focal_length)
       : focal_length_(focal_length),
-        interval_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
+        events_to_evaluate_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
         counts_(model.segments.size()),
         history_(counts_.size()),
         middle_events_(counts_.size()),
@@ -39,7 +39,7 @@ class EdgeActivity {
 
   /// What the edges did from one evaluation to the next.
   struct Interval {
-    /// Logarithm of how much likelier their events are if half of the edges are hidden than if all are in sight.
+    /// Logarithm of how much likelier their events are if half of the edges are hidden than if none is.
     double log_ratio_hidden = 0;
     double events = 0;         ///< of edges that moved and whose dark side is known
     double contradicting = 0;  ///< how many of those do not have the polarity that the motion makes
@@ -55,7 +55,7 @@ class EdgeActivity {
   }
 
   /// True once there are enough events for `evaluate`, which costs as much as some hundred events.
-  bool due() const noexcept { return total_ >= interval_; }
+  bool due() const noexcept { return total_ >= events_to_evaluate_; }
 
   /// Evaluates the events since the last evaluation, and begins a new interval. Returns nothing before the wireframe
   /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts
@@ -91,7 +91,7 @@ class EdgeActivity {
   }
 
   /// How many events a pixel makes while an edge passes over it, a running mean over all edges; 0 before it is known.
-  double events_per_passage() const noexcept { return density_; }
+  double events_per_passage() const noexcept { return mean_rate_; }
 
   /// Contrast of each segment, relative to the mean of all.
   std::span<const float> contrasts() const noexcept { return contrasts_.contrasts(); }
@@ -109,7 +109,7 @@ class EdgeActivity {
   static constexpr double kLong_px = 8;       // of a shorter edge, blur reaches the middle half
   static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
   static constexpr double kMost = 3;          // limit of one edge's log ratio: its contrast may have changed
-  static constexpr double kFading = 0.9;      // of the history, at every evaluation
+  static constexpr double kKept = 0.9;        // of the history, at every evaluation
   static constexpr double kLeastRate = 1e-6;  // [1/px^2]
   static constexpr double kGrazing = 0.3;     // cosine of the angle between a side's normal and the line of sight
 
@@ -126,26 +126,27 @@ class EdgeActivity {
     double events = 0, swept_px2 = 0;
   };
 
-  // True at rest, once there are twice as many events as all edges make while they move by a pixel: they would seem to
-  // be the edges' after that. Where edges do move, a pixel may make more events than it used to.
+  // True if the edges rest and there are twice as many events as they make over a pixel of motion: kept, these would
+  // later be taken for the edges' own. Not while edges move: a pixel may then make more events than it used to.
   bool events_are_background(double swept_px2, double length_px) const noexcept {
     double all = 0;
     for (const Count& count : counts_) all += count.events;
-    return density_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * density_ * length_px;
+    return mean_rate_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * mean_rate_ * length_px;
   }
 
   // Sums over all edges, and adds their events to their histories.
   Interval judge_motion(double swept_px2) noexcept {
-    double all = 0, by_events = 0;
+    // Each edge's events, times the share that they are of those expected, at most 1.
+    double all = 0, confirming = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       if (!in_sight(i)) continue;
       all += counts_[i].events;
-      if (swept(i) > 0) by_events += counts_[i].events * std::min(1.0, counts_[i].events / (rate(i) * swept(i)));
+      if (swept(i) > 0) confirming += counts_[i].events * std::min(1.0, counts_[i].events / (rate(i) * swept(i)));
     }
-    density_ += (density_ > 0 ? 0.1 : 1) * (all / swept_px2 - density_);
+    mean_rate_ += (mean_rate_ > 0 ? 0.1 : 1) * (all / swept_px2 - mean_rate_);
     // Motion counts only as far as the edges that do make events confirm it: after a motion that was only predicted, no
     // edge counts as silent.
-    const double confirmed = all > 0 ? by_events / all : 0;
+    const double confirmed = all > 0 ? confirming / all : 0;
     Interval interval;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       const double length_px = end_[i].along.norm(), jitter = kJitter_px * length_px;
@@ -156,13 +157,13 @@ class EdgeActivity {
         interval.events += counts_[i].events;
         interval.contradicting += contradicting(i);
       }
-      const double silent = confirmed_swept > jitter && expected_to_make_events(i, length_px)
-                                ? evidence_of_edge(i, confirmed_swept, jitter)
-                                : 0;
-      interval.log_ratio_hidden += silent;
-      if (silent > 0) continue;  // a hidden edge's events do not show its usual rate
-      history_[i].events = kFading * history_[i].events + confirmed * counts_[i].events;
-      history_[i].swept_px2 = kFading * history_[i].swept_px2 + confirmed_swept;
+      const double log_ratio = confirmed_swept > jitter && expected_to_make_events(i, length_px)
+                                   ? evidence_of_edge(i, confirmed_swept, jitter)
+                                   : 0;
+      interval.log_ratio_hidden += log_ratio;
+      if (log_ratio > 0) continue;  // a hidden edge's events do not show its usual rate
+      history_[i].events = kKept * history_[i].events + confirmed * counts_[i].events;
+      history_[i].swept_px2 = kKept * history_[i].swept_px2 + confirmed_swept;
     }
     return interval;
   }
@@ -177,7 +178,7 @@ class EdgeActivity {
   }
 
   // True if all of an edge moved to one side, which an edge that turns about its middle does not, and to the same as in
-  // the interval before: after a turn of the motion, late events still come of before.
+  // the interval before: just after the motion has turned, late events are still those of the way before.
   bool goes_on(std::size_t i) const noexcept {
     const double swept = swept_to_right(i);
     return swept * swept_before_[i] > 0 && swept * swept_to_right(i, -0.5) > 0 && swept * swept_to_right(i, 0.5) > 0;
@@ -187,7 +188,7 @@ class EdgeActivity {
   // to and fro, and half of those beyond come from the way back.
   double contradicting(std::size_t i) const noexcept {
     const double events = counts_[i].events, expected = rate(i) * swept(i);
-    const double deviation = std::sqrt((1 + density_) * expected);
+    const double deviation = std::sqrt((1 + mean_rate_) * expected);
     const double on_way_back = events > expected + 2 * deviation ? (events - expected) / 2 : 0;
     const bool toward_dark = swept_to_right(i) * end_[i].dark > 0;
     return std::max(0.0, (toward_dark ? events - counts_[i].on : counts_[i].on) - on_way_back);
@@ -195,8 +196,8 @@ class EdgeActivity {
 
   // Events per swept area: by the edge's own history, and before there is enough of it by the mean of all edges.
   double rate(std::size_t i) const noexcept {
-    const double prior_px2 = 0.5 * end_[i].along.norm();
-    return std::max(kLeastRate, (history_[i].events + prior_px2 * density_) / (history_[i].swept_px2 + prior_px2));
+    const double prior_px2 = 0.5 * end_[i].along.norm();  // worth half a pixel of motion
+    return std::max(kLeastRate, (history_[i].events + prior_px2 * mean_rate_) / (history_[i].swept_px2 + prior_px2));
   }
   // True if an edge without events is evidence: at once on a printed marker, on any other body after enough motion.
   bool expected_to_make_events(std::size_t i, double length_px) const noexcept {
@@ -226,11 +227,11 @@ class EdgeActivity {
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
   double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
   // The same, positive if the edge moved to the right of its direction; by the motion of the point that lies the share
-  // `along` of its length from its middle.
-  double swept_to_right(std::size_t i, double along = 0) const noexcept {
+  // `place` of its length from its middle.
+  double swept_to_right(std::size_t i, double place = 0) const noexcept {
     if (!in_sight(i)) return 0;
     const Edge &end = end_[i], &begin = begin_[i];
-    const Eigen::Vector2d way = end.middle + along * end.along - begin.middle - along * begin.along;
+    const Eigen::Vector2d way = end.middle + place * end.along - begin.middle - place * begin.along;
     return way.y() * end.along.x() - way.x() * end.along.y();
   }
 
@@ -259,7 +260,7 @@ class EdgeActivity {
   }
 
   double focal_length_;
-  int interval_;               // events from one evaluation to the next
+  int events_to_evaluate_;     // from one evaluation to the next
   bool printed_ = true;        // all dark sides are known: all edges have about one contrast
   std::vector<Count> counts_;  // of every segment, since the last evaluation
   std::vector<Activity> history_;
@@ -268,8 +269,8 @@ class EdgeActivity {
   std::vector<double> swept_before_;  // by every edge in the interval before, as `swept_to_right`
   std::vector<Edge> begin_, end_;     // the edges at the begin and the end of the interval; none before the first
   Timestamp begin_t_ = 0;
-  double density_ = 0;  // events per swept area [1/px^2], 0 before the first evaluation
-  int total_ = 0;       // events since `due()` was last reset
+  double mean_rate_ = 0;  // events per swept area [1/px^2], 0 before the first evaluation
+  int total_ = 0;         // events since `due()` was last reset
 };
 
 }  // namespace evmarker

@@ -2,11 +2,11 @@
 // The paper's tracking loop for one marker: match, collect, update every n matched events.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 

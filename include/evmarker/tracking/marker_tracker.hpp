@@ -4,6 +4,7 @@
 #include <chrono>
 #include <concepts>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <ranges>
 #include <span>
@@ -27,7 +28,8 @@
 
 namespace evmarker {
 
-/// Tracks one marker event by event. Copyable; after construction nothing throws or allocates.
+/// Tracks one marker event by event. Once constructed it neither allocates nor throws, unless what the caller passes to
+/// `push` does. Copying allocates.
 template <PoseUpdateRule Rule = KalmanUpdate>
 class MarkerTracker {
  public:
@@ -86,7 +88,8 @@ class MarkerTracker {
   /// last pose is used.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+  void push(Events&& events, const Use& use) noexcept(
+      std::ranges::contiguous_range<Events>&& noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
       while (!block.empty())
         push_checked(guard_.next(block), [&](const PoseEstimate& pose, const Event&) { use(pose); });
@@ -99,13 +102,12 @@ class MarkerTracker {
   void push_checked(std::span<const Event> events,
                     const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>(), Event()))) {
     while (!events.empty() && !progress_.lost()) {
-      const bool single = events.size() == 1 || start_pending_ || !accepts_groups();
-      std::size_t taken = 1;
-      if (!single)
-        taken = push_group(events, use);
-      else if (const PoseEstimate* const pose = push_one(events.front()))
-        use(*pose, events.front());
-      events = events.subspan(taken);
+      if (events.size() > 1 && !start_pending_ && accepts_groups()) {
+        events = events.subspan(push_group(events, use));
+      } else {
+        if (const PoseEstimate* const pose = push_one(events.front())) use(*pose, events.front());
+        events = events.subspan(1);
+      }
     }
   }
 
@@ -121,8 +123,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing length of the gap. It counts from the last event on or near the marker: between that and the gap
-  /// there were none, so that the marker did not move
+  /// @param missing length of the gap alone. It is added to the time of the last event on or near the marker: between
+  /// that and the gap there were none, so that the marker did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (progress_.lost() || missing <= kHarmlessGap) return nullptr;
@@ -130,7 +132,7 @@ class MarkerTracker {
       start_search_->forget();
       return nullptr;
     }
-    if (!had_near_event_) return nullptr;
+    if (!had_near_event_ && !start_pending_) return nullptr;
     tilt_.stop(follower_);
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
@@ -256,7 +258,7 @@ class MarkerTracker {
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
       apply_verification(*error);
     if (updated) after_update();
-    // With updates and near events only: an event that is merely collected stays cheap.
+    // Judged at updates and near events only, so that an event that is merely collected stays cheap.
     if (progress_.settled() && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
     const LossReason certain = progress_.certain_loss();
     if (health_.lost() || certain != LossReason::none) [[unlikely]]
@@ -277,6 +279,8 @@ class MarkerTracker {
     if (!ambiguous_ && tilt_.judge(follower_)) {
       verification_.restart(follower_);
       health_.restart_edges();
+      // It was copied when the comparison began, maybe before the marker was confirmed.
+      if (progress_.tracking()) follower_.enable_rest_detection();
     }
     if (progress_.converging()) converge();
   }

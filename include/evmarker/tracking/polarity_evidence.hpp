@@ -15,12 +15,12 @@ class PolarityEvidence {
   /// @param events of edges that moved
   /// @param contradicting how many of them have the wrong polarity
   /// @param events_per_passage of one pixel, which come together and are one piece of evidence
-  /// @param is_usual the marker is surely followed, so that as many contradict in future
+  /// @param is_usual the marker is surely followed: this share is learned as the usual one
   double log_likelihood_ratio(double events, double contradicting, double events_per_passage, bool is_usual) noexcept {
     if (events == 0) return 0;
     const double share = contradicting / events;
-    const double right = std::clamp(usual_share_, kLeastUsual, kOfOtherEdges);
-    const double wrong = right + kOtherEdges * (kOfOtherEdges - right);
+    const double right = std::clamp(usual_share_, kLeastUsual, kContradictByChance);
+    const double wrong = right + kFromOtherEdges * (kContradictByChance - right);
     const double of_one = share * std::log(wrong / right) + (1 - share) * std::log((1 - wrong) / (1 - right));
     const bool first = known_events_ == 0;
     if (first || is_usual) {
@@ -31,8 +31,9 @@ class PolarityEvidence {
   }
 
  private:
-  static constexpr double kOtherEdges = 0.2;    // least share of the events that come from other edges at a wrong pose
-  static constexpr double kOfOtherEdges = 0.5;  // share of those that contradict
+  static constexpr double kFromOtherEdges =
+      0.2;  // least share of the events that come from other edges at a wrong pose
+  static constexpr double kContradictByChance = 0.5;  // share of those that contradict
   static constexpr double kLeastUsual = 0.01;
   static constexpr double kMemory = 50000;  // of usual_share_ [events]
 

@@ -13,8 +13,9 @@ namespace evmarker {
 
 /// From afar, a flat marker looks nearly alike at two poses, tilted to one side of the line of sight or as much to the
 /// other, see `mirrored`. While it nearly faces the camera it makes few events, and a tracker cannot tell whether it
-/// then turns on, to the other side, or back. So from when it turns away again both poses are followed, until the
-/// events have decided; the covariance has both meanwhile. It needs a MirrorableRule: with others it does nothing.
+/// goes on turning, to the other side, or turns back. From the moment it turns away again, both poses are followed
+/// until the events have decided; the covariance has both meanwhile. It needs a MirrorableRule: with others it does
+/// nothing.
 template <PoseUpdateRule Rule>
 class TiltCheck {
  public:
@@ -31,8 +32,9 @@ class TiltCheck {
   /// Takes an event that the follower has not taken yet, while both poses are followed.
   void push(const EdgeFollower<Rule>& follower, Vec2 m, Timestamp t, double polarity) noexcept {
     const double squared_px2 = other_->squared_residual_px2(m, polarity);
+    const bool on_edge = squared_px2 < 1;  // 1 where there is none, see squared_residual_px2
     if (settling_ > 0)
-      settling_ -= squared_px2 < 1;
+      settling_ -= on_edge;
     else
       comparison_.add(follower.squared_residual_px2(m, polarity), squared_px2);
     other_->push(m, t, polarity);
@@ -42,7 +44,7 @@ class TiltCheck {
   /// it.
   bool judge(EdgeFollower<Rule>& follower) noexcept {
     if (!other_ || --until_judged_ > 0) return false;
-    until_judged_ = std::max(1, kJudgedAtOnce / follower.events_per_update());
+    until_judged_ = std::max(1, kEventsBetweenJudgements / follower.events_per_update());
     const SeenPlane seen(follower.T_camera_marker(), *plane_);
     const double tilt = seen.tilt();
     switch (phase_) {
@@ -77,7 +79,7 @@ class TiltCheck {
     comparing,  // it turns away: both poses are followed
   };
 
-  static constexpr int kJudgedAtOnce = 256;        // events
+  static constexpr int kEventsBetweenJudgements = 256;
   static constexpr double kAlike_rad = 0.05;       // the side of a smaller tilt does not matter
   static constexpr double kMostUnsure_rad = 0.35;  // the side of a larger tilt is never lost
   static constexpr double kWild_rad = 0.35;        // between both poses: 20 deg
@@ -159,9 +161,10 @@ class TiltCheck {
   std::optional<ModelPlane> plane_;
   std::optional<EdgeFollower<Rule>> other_;  // at the mirrored pose; kept, so that copying into it does not allocate
   Phase phase_ = Phase::sure;
-  // It was clearly tilted since the start or the last decision, which hold until it nearly faces the camera again.
+  // It was clearly tilted at some time since the start or the last decision. What was known of the side then holds
+  // until it nearly faces the camera.
   bool was_tilted_ = false;
-  double asked_px_ = 0;     // size of the marker when its side was last in question
+  double asked_px_ = 0;     // size of the marker when `ask_again` last asked; 0 before it was judged
   double least_tilt_ = 0;   // since it nearly faces the camera
   double between_rad_ = 0;  // angle between both poses
   int until_judged_ = 1;    // updates

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <span>
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
@@ -14,9 +16,9 @@
 namespace evmarker {
 
 struct TrackHealthSettings {
-  /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes, a
-  /// verification), of giving up a marker that is followed and had full confidence. From even odds, as after `restart`,
-  /// the bound is the square root of this setting.
+  /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes), of giving up
+  /// a marker that is followed and had full confidence. From even odds, as after `restart`, the bound is the square
+  /// root of this setting. Verifications have a rule of their own, see TrackProgress.
   double false_alarm_rate = 1e-6;
 };
 
@@ -51,10 +53,10 @@ class TrackHealth {
   }
 
   /// True once there are enough events for `judge_matches`.
-  bool due() const noexcept { return matched_ + near_ >= kJudgedAtOnce; }
+  bool due() const noexcept { return matched_ + near_ >= kEventsToJudge; }
   /// True if after `events` more events `judge_matches` is still not due.
   bool not_due_within(std::size_t events) const noexcept {
-    return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kJudgedAtOnce);
+    return static_cast<std::size_t>(matched_ + near_) + events < static_cast<std::size_t>(kEventsToJudge);
   }
 
   /// Judges the events since the last call. At the right pose most lie on an edge; at a wrong one they are spread
@@ -75,20 +77,19 @@ class TrackHealth {
     // so that it may be worse than usual.
     const double expected = (usual_share_ + kChanceShare) / 2;
     // The events of one pixel in one passage come together and are one piece of evidence.
-    const double independent = 1 / std::clamp(activity_.events_per_passage(), 1.0, 10.0);
-    judge(independent * (excess_matched * std::log(kChanceShare / expected) +
-                         excess_near * std::log((1 - kChanceShare) / (1 - expected))),
+    const double pieces_per_event = 1 / std::clamp(activity_.events_per_passage(), 1.0, 10.0);
+    judge(pieces_per_event * (excess_matched * std::log(kChanceShare / expected) +
+                              excess_near * std::log((1 - kChanceShare) / (1 - expected))),
           LossReason::inconsistent);
     const double share = matched_ / static_cast<double>(matched_ + near_);
-    const double share_weight = sure() ? (matched_ + near_) / kShareMemory : 0;
+    const double share_weight = sure() ? std::min((matched_ + near_) / kShareMemory, 1.0) : 0;
+    usual_share_ = std::clamp(usual_share_ + share_weight * (share - usual_share_), kLeastUsual, kMostUsual);
     // While the marker is surely followed, what lies beside its edges is background: its rate is the mean over the
-    // time surely followed, at most kRateMemory_us. Otherwise it fades over kRateMemory_us, as the near events may be
-    // the marker's own.
+    // time surely followed, at most kRateMemory_us. Otherwise it follows only with that memory, as the near events may
+    // be the marker's own.
     if (sure()) known_us_ = std::min(known_us_ + dt_us, kRateMemory_us);
     // Events of one time stamp have no rate.
     const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kRateMemory_us) : 0;
-    usual_share_ =
-        std::clamp(usual_share_ + std::min(share_weight, 1.0) * (share - usual_share_), kLeastUsual, kMostUsual);
     near_per_us_ += rate_weight * (near_ / std::max(dt_us, 1.0) - near_per_us_);
     t_us_ = static_cast<double>(t);
     forget_matches();
@@ -111,8 +112,8 @@ class TrackHealth {
         polarities_.log_likelihood_ratio(interval->events, contradicting, activity_.events_per_passage(), sure());
     judge(std::clamp(evidence, -bound_, bound_), LossReason::contradicted);
   }
-  /// Forgets the edges' events since the last judgement; to be called after the pose was corrected and not the marker
-  /// has moved.
+  /// Forgets the edges' events since the last judgement; to be called when a correction has moved the pose although the
+  /// marker has not moved.
   void restart_edges() noexcept { activity_.restart(); }
 
   /// Takes the result of a verification.
@@ -149,8 +150,9 @@ class TrackHealth {
   std::span<const float> contrasts() const noexcept { return activity_.contrasts(); }
 
  private:
-  static constexpr int kJudgedAtOnce = 64;
-  static constexpr double kVerificationEvidence = 3;  // log odds: one in twenty wrong poses passes, one right one fails
+  static constexpr int kEventsToJudge = 64;
+  static constexpr double kVerificationEvidence =
+      3;  // log odds: of twenty wrong poses one passes, of twenty right ones one fails
   static constexpr double kChanceShare =
       1.0 / 3;  // of evenly spread events within three matching distances, those that match
   static constexpr double kMatchedToNear = kChanceShare / (1 - kChanceShare);
@@ -177,7 +179,7 @@ class TrackHealth {
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
   double bound_;                                 // of the logarithm of the odds, to both sides
-  std::array<double, kLossReasons> log_odds_{};  // by LossReason, that it is not lost for it; the first is unused
+  std::array<double, kLossReasons> log_odds_{};  // that it is not lost, by LossReason; the first is unused
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;

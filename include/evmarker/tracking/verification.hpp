@@ -2,6 +2,7 @@
 // Forward/backward verification: does the tracker come back to where it was? Eqs. (13) and (14).
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <tuple>
 #include <utility>
@@ -73,8 +74,8 @@ inline double origin_deviation_px(const Matrix6d& covariance, Vec3 T, double foc
 }
 
 /// Keeps the events of `updates` updates and then runs a copy of the tracker backwards over them: on average two steps
-/// back with every new event, so that no event waits for the whole way. Only a brief window, for whose result a tracker
-/// waits, is backtracked at once; and when a window is nearly full, what is left of the one before.
+/// back with every new event, so that no event waits for the whole way. Two exceptions are done at once: a brief
+/// window, as a tracker waits for its result, and the rest of a way back when the next window is nearly full.
 template <PoseUpdateRule Rule>
 class Verification {
  public:
@@ -164,7 +165,7 @@ class Verification {
                           steps_left_ == 0;
     const bool nearly_full = window_.size() > window_.capacity() - std::max<std::size_t>(window_.capacity() / 8, 1);
     if (!updated || (!complete && !nearly_full)) return error;
-    if (error == nullptr && steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // nearly full: to its end
+    if (steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // nearly full: to its end
     turn_back(forward);
     begin_filling(forward);
     if (std::exchange(brief_, false)) return step_back(steps_left_, lines_of_sight);  // a tracker waits for the result

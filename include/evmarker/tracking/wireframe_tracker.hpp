@@ -89,7 +89,8 @@ class WireframeTracker {
   /// single events.
   template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
   requires EventLike<std::ranges::range_value_t<Events>>
-  void push(Events&& events, const Use& use) noexcept(noexcept(use(std::declval<const PoseEstimate&>()))) {
+  void push(Events&& events, const Use& use) noexcept(
+      std::ranges::contiguous_range<Events>&& noexcept(use(std::declval<const PoseEstimate&>()))) {
     for (auto&& event : events)
       if (const PoseEstimate* const pose = push(event)) use(*pose);
   }

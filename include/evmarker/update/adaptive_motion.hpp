@@ -59,6 +59,7 @@ class AdaptiveMotion {
   }
 
   /// Chooses how fast the velocity fades from now on, along each axis.
+  /// @param signal weight of the events, see KalmanUpdate::set_signal_weight
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   void choose_fading(double signal, const KalmanState& state, double lever2) noexcept {
     constexpr double kFasterInNoise = 1.4;
@@ -83,16 +84,16 @@ class AdaptiveMotion {
     if (!(bound_.is_set() && statistics.known())) return;
     const double lever2 = statistics.lever2();
     bound_.measure(events, dt, noise_per_s, statistics.share(), std::sqrt(statistics.gradient2()));
-    const double by_velocity = carried(dt, *std::ranges::min_element(fading_));
+    const double carried_s = carried(dt, *std::ranges::min_element(fading_));  // along the axis that fades slowest
     // A quick check first: motion of no more than most_m() in space cannot show as more than most_px() in the image.
     const double speed = EdgeSpeed::of(state.twist, lever2).all, sigma = std::sqrt(state.speed_variance(lever2));
-    if (by_velocity * std::max(speed, sigma) <= bound_.most_m() || !gradients_.known()) return;
+    if (carried_s * std::max(speed, sigma) <= bound_.most_m() || !gradients_.known()) return;
     const std::array<double, 6> v = state.twist.array();
     const double mean2 = gradients_.px2([&](std::size_t k, std::size_t i) { return v[k] * v[i]; });
     const double variance = gradients_.px2([&](std::size_t k, std::size_t i) {
       return state.P.xx(6 + static_cast<Eigen::Index>(k), 6 + static_cast<Eigen::Index>(i));
     });
-    const double expected_px = by_velocity * std::sqrt(std::max(mean2, variance));
+    const double expected_px = carried_s * std::sqrt(std::max(mean2, variance));
     if (expected_px > bound_.most_px()) state.scale_velocity(bound_.most_px() / expected_px);
   }
 
@@ -114,7 +115,8 @@ class AdaptiveMotion {
     return {s, s != 0 ? moved(twist, s) : Vec6()};
   }
 
-  /// Speed of the edges in the image, root mean square over all directions.
+  /// Speed of the edges in the image, not only along their normals [px/s]; at most so much, as those of translation and
+  /// rotation are added, and motion along the line of sight counts as much as across it.
   static double px_per_s(const Vec6& twist, const MeasurementStatistics& statistics) noexcept {
     return std::sqrt(statistics.gradient2()) * EdgeSpeed::of(twist, statistics.lever2()).all;
   }

@@ -31,8 +31,8 @@ class KalmanUpdate {
   /// @throws std::invalid_argument naming the setting and its value
   KalmanUpdate(const Settings& settings, int events_per_update)
       : settings_(settings), motion_(settings), errors_(settings) {
-    set_events_per_update(events_per_update);
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
+    set_events_per_update(events_per_update);
     validate(settings);
     const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
                              settings.initial_sigma_w_rad_s};
@@ -64,12 +64,13 @@ class KalmanUpdate {
     const Vec3 T = translation(T_camera_marker);
     const double t_us = t_us_;
     const MeasurementModel model = model_;
+    constexpr double kDarkSideKnown = 1;  // of every edge of a grid
     alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
     alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check, toward_dark;
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
       const Vec3 lever = Vec3(c.E_x[i], c.E_y[i], c.E_z[i]) - T;
       const EventMeasurement of_event = model.measure({c.g_x[i], c.g_y[i], c.g_z[i]}, lever, c.distance_px[i],
-                                                      c.from_end_px2[i], 1, c.polarity[i], c.contrast[i]);
+                                                      c.from_end_px2[i], kDarkSideKnown, c.polarity[i], c.contrast[i]);
       const double since_update_us = c.t[i] - t_us;
       residual2[i] = c.is_event[i] * of_event.residual2;
       lever2[i] = c.is_event[i] * of_event.lever2;
@@ -81,7 +82,7 @@ class KalmanUpdate {
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
-    if (!(simd::sum(finite_check) < kInfinity)) return;  // it would never leave the running means
+    if (!(simd::sum(finite_check) < kInfinity)) return;  // all of them: one would never leave the running means
     measurements_.add(rows, weights, c.count);
     for (std::size_t i = 0; i < c.count; ++i) errors_.add(c.segment[i], rows[kResidual][i], weights[i]);
     polarities_.add(toward_dark, c.polarity, c.is_event);
@@ -132,9 +133,9 @@ class KalmanUpdate {
     return good;
   }
 
-  /// @param weight of the events' information, from the events beside the edges since the last call: 1 if at least half
-  /// of them are surely of moving edges, 0 at rest. It is more if the polarities of the events since then show more: a
-  /// small marker that moves fast makes many events beside its edges itself.
+  /// @param weight of the matched events' information, as the events beside the edges tell it: 1 if at least half of
+  /// the matched ones are surely of moving edges, 0 at rest. It is more if the polarities of the matched events since
+  /// the last call show more: a small marker that moves fast makes many events beside its edges itself.
   /// @param noise_per_s noise events that match edges
   void set_signal_weight(double weight, double noise_per_s) noexcept {
     signal_weight_ = std::max(weight, std::min(1.0, 2 * polarities_.least_moving_share()));
@@ -180,8 +181,8 @@ class KalmanUpdate {
   }
 
   /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
-  /// the pose and its covariance hold until then. For copies that predict a pose, and after a gap: it moves the time of
-  /// a rule at rest on, from which its next `update` would predict over the whole standstill.
+  /// the pose and its covariance hold until then. Only for copies that predict a pose, and after a gap: at rest it
+  /// moves the rule's time on, so that its next `update` no longer predicts over the standstill before.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (signal_weight_ == 0) {
       forget_events();
@@ -259,9 +260,9 @@ class KalmanUpdate {
   double trail_px() const noexcept { return model_.bias_px[kTrail]; }
 
  private:
-  static constexpr std::size_t kResidual = 6 + kBiases;          // in a row
-  static constexpr unsigned kSampleEvery = simd::kLanes;         // of single events; of a batch, the first is sampled
-  static constexpr double kLeastSpeed = 1e-3, kMostSpeed = 1e6;  // [px/s]
+  static constexpr std::size_t kResidual = 6 + kBiases;   // in a row
+  static constexpr unsigned kSampleEvery = simd::kLanes;  // of single events; of a batch, the first is sampled
+  static constexpr double kLeastDeviation = 1e-3, kMostDeviation = 1e6;  // of a speed [px/s]: positive, and finite
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
@@ -271,7 +272,8 @@ class KalmanUpdate {
     errors_.add_sample(row, weight);
     motion_.add_sample({row[0], row[1], row[2], row[3], row[4], row[5]}, px_per_s);
     if (signal_weight_ != 1) return;  // noise at rest spreads anywhere
-    // The row's trail has the sign of -s p, which is 0 where it is not known which side is dark.
+    // The row's trail has the sign of -s p, which is 0 where it is not known which side is dark: such an event is taken
+    // to fit.
     const bool fits = -row[6 + kTrail] * model_.time_direction * px_per_s >= 0;
     errors_.add_moving_sample(row[kResidual], px_per_s, fits ? polarity : 0);
   }
@@ -344,7 +346,7 @@ class KalmanUpdate {
     // Of the speed along one normal: a third of the variances, which are summed over three axes.
     const double variance = statistics_.gradient2() * state_.speed_variance(statistics_.lever2()) / 3;
     model_.speed_deviation_px_per_s =
-        std::max({kLeastSpeed, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostSpeed)});
+        std::max({kLeastDeviation, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostDeviation)});
   }
 
   // Rounding takes a rotation off SO(3), and the covariance off symmetry, by 1e-16 a step: to mend that at every step

@@ -11,8 +11,8 @@ namespace evmarker {
 /// Measures which share of the events come from moving edges, by their polarity: an edge makes ON events while it moves
 /// toward the dark and OFF events while it moves away from it, but noise does not know of the motion, and a lamp that
 /// flickers brightens all edges alike. So the share is by how much more often events are ON where they should be than
-/// where they should not, known as Youden's J or informedness. It tells of the time in which the events came, and
-/// nothing of later.
+/// where they should not, known as Youden's J or informedness. It says nothing of the time
+/// after these events.
 class PolarityAgreement {
  public:
   /// Adds an event.
@@ -38,7 +38,7 @@ class PolarityAgreement {
   }
 
  private:
-  // Share of the ON events, of one event more of each polarity.
+  // Share of ON among the events, with one event more of each polarity (Laplace's rule).
   struct Share {
     Share(double on, double all) noexcept : mean((on + 1) / (all + 2)), variance(mean * (1 - mean) / (all + 2)) {}
     double mean, variance;

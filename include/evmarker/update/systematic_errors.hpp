@@ -45,7 +45,9 @@ class SystematicErrors {
     if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate();
   }
 
-  /// Measures what the model does not explain. It takes its time: once in some updates is enough.
+  /// Measures what the model does not explain. It is slow: once in some updates is enough.
+  /// @param spread_px2 mean squared residual
+  /// @param px_per_s speed of the edges in the image
   /// @param moving true while the events are surely those of moving edges
   /// @param events_per_passage that one pixel makes while an edge passes over it; 0 if it is not known
   /// @param trail_px as the filter has it
@@ -72,13 +74,13 @@ class SystematicErrors {
   double delay_s() const noexcept { return latency_s_ + response_time_.delay_s(); }
   /// The part of it that also spreads them in time [s].
   double response_s() const noexcept { return response_time_.delay_s(); }
-  /// Standard deviation by which it spreads the events of edges of a speed [px]. Averaged over edges of all directions,
-  /// the squared speed along the normal is half of the squared speed.
+  /// Standard deviation [px] by which the response time spreads the events of edges that move at `px_per_s`. Averaged
+  /// over edges of all directions, the squared speed along the normal is half of the squared speed.
   double smear_px(double px_per_s) const noexcept {
     return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s;
   }
-  /// Variance of the time by which the pose is late [s^2], of which the filter itself knows nothing: motion alone
-  /// cannot tell it from another pose.
+  /// Variance of the time by which the pose is late [s^2], of which the filter itself knows nothing: a delay
+  /// looks like a pose a little farther back along the motion.
   double delay_variance_s2(double px_per_s) const noexcept {
     const double lag_s2 = px_per_s > 0 ? misfit_.along_motion_px2() / (px_per_s * px_per_s) : 0;
     return squared(latency_sigma_s_) + response_time_.delay_variance_s2() + lag_s2;
@@ -113,7 +115,7 @@ class SystematicErrors {
   // them.
   double edge_width_px(double spread_px2, double px_per_s) const noexcept {
     const double of_edge = spread_px2 - kPixelVariance - squared(smear_px(px_per_s));
-    return std::sqrt(12 * std::max(of_edge, kPixelVariance));
+    return std::sqrt(12 * std::max(of_edge, kPixelVariance));  // at least a pixel
   }
 
   double latency_s_, latency_sigma_s_, initial_trail_px_;  // see KalmanSettings
