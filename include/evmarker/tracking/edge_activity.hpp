@@ -41,7 +41,7 @@ class EdgeActivity {
   struct Interval {
     /// Logarithm of how much likelier their events are if half of the edges are hidden than if none is.
     double log_ratio_hidden = 0;
-    double events = 0;         ///< of edges that moved and whose dark side is known
+    double events = 0;         ///< of edges that moved as in the interval before, and whose dark side is known
     double contradicting = 0;  ///< how many of those do not have the polarity that the motion makes
     double duration_us = 0;
   };
