@@ -71,16 +71,10 @@ class MarkerTracker {
   template <EventLike E>
   [[gnu::flatten]] const PoseEstimate* push(const E& event) noexcept {
     const Event own = to_event(event);
-    const PoseEstimate* of_held = nullptr;
-    TimeGuard::Verdict verdict = guard_.judge(own);
-    if (verdict == TimeGuard::Verdict::release) [[unlikely]] {
-      of_held = push_checked(guard_.held());
-      verdict = guard_.judge(own);
-    }
-    if (verdict == TimeGuard::Verdict::hold || progress_.lost()) [[unlikely]]
-      return of_held;
-    const PoseEstimate* const pose = push_one(own);
-    return pose ? pose : of_held;
+    if (!guard_.passes(own.t)) [[unlikely]]
+      return push_suspect(own);
+    guard_.passed(own.t);
+    return progress_.lost() ? nullptr : push_one(own);
   }
 
   /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are the same as with single
@@ -214,6 +208,15 @@ class MarkerTracker {
   const EdgeFollower<Rule>& follower() const noexcept { return follower_; }
 
  private:
+  // Not inlined: it is rare.
+  [[gnu::noinline]] const PoseEstimate* push_suspect(const Event& event) noexcept {
+    const PoseEstimate* last = nullptr;
+    for (std::span<const Event> waiting(&event, 1); !waiting.empty();)
+      for (const Event& checked : guard_.next(waiting))
+        if (const PoseEstimate* const pose = push_checked(checked)) last = pose;
+    return last;
+  }
+
   [[gnu::always_inline]] const PoseEstimate* push_one(const Event& event) noexcept {
     if (!lines_of_sight_.sensor_size().contains(event.x, event.y)) return nullptr;
     const Vec2 m = lines_of_sight_(event);
