@@ -14,11 +14,11 @@ namespace evmarker {
 
 /// Where an event lies relative to the grid edge that it matches.
 struct EdgeGeometry {
-  double distance_px;    ///< Eq. (1), positive on the dark side
-  Vec2 normal;           ///< of the edge's image, toward its dark side
-  Vec3 gradient;         ///< how E's image moves along `normal` with E: derivative by E [px/m]
-  ClosestPoints points;  ///< Eqs. (3) to (5)
-  double from_end_px2;   ///< as in Correspondence
+  ClosestPoints points;     ///< Eqs. (3) to (5)
+  double from_end_px2 = 0;  ///< as in Correspondence
+  double distance_px = 0;   ///< Eq. (1), positive on the dark side
+  Vec2 normal{};            ///< of the edge's image, toward its dark side
+  Vec3 gradient{};          ///< how E's image moves along `normal` with E: derivative by E [px/m]
 };
 
 /// @param line image of the edge, n m + c = 0, n toward larger grid coordinates, not of unit length
@@ -29,11 +29,14 @@ struct EdgeGeometry {
 [[gnu::always_inline]] inline EdgeGeometry edge_geometry(Vec3 line, double signed_inverse_norm, Vec3 V, Vec3 S,
                                                          double begin, double end, Vec2 m,
                                                          double focal_length) noexcept {
-  const Vec3 unit = signed_inverse_norm * line;
-  const Vec2 normal{unit.x, unit.y};
-  const ClosestPoints points = closest_points(V, S, begin, end, {m.x, m.y, 1});
-  return {focal_length * line_distance(unit, m), normal, image_gradient(normal, points.E, focal_length), points,
-          from_end_px2(points, S, begin, end, focal_length)};
+  // The points are made in their place: copied as a whole, they would wait for their parts to be stored.
+  EdgeGeometry geometry{.points = closest_points(V, S, begin, end, {m.x, m.y, 1})};
+  const Vec3 unit = signed_inverse_norm * line, E = geometry.points.E;
+  geometry.normal = {unit.x, unit.y};
+  geometry.distance_px = focal_length * line_distance(unit, m);
+  geometry.gradient = image_gradient(geometry.normal, E, focal_length);
+  geometry.from_end_px2 = from_end_px2(geometry.points, S, begin, end, focal_length);
+  return geometry;
 }
 
 /// The line of a grid on which an edge lies, at the grid's present pose.
