@@ -79,10 +79,8 @@ inline TrackingState parse_state(const LineReader& lines, std::string_view text)
 }
 
 inline LossReason parse_loss_reason(const LineReader& lines, std::string_view text) {
-  for (const auto reason : {LossReason::none, LossReason::hidden, LossReason::left_image, LossReason::inconsistent, LossReason::contradicted,
-                            LossReason::verification, LossReason::replaced, LossReason::events_missing,
-                            LossReason::not_confirmed, LossReason::turned_away})
-    if (text == to_string(reason)) return reason;
+  for (std::size_t i = 0; i < kLossReasons; ++i)
+    if (const auto reason = static_cast<LossReason>(i); text == to_string(reason)) return reason;
   throw bad_field(lines, "loss_reason", text);
 }
 
