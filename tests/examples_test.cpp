@@ -1801,7 +1801,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track_this("none.raw"), {"none.raw", "no events"}, "none.raw", with_body(body(""))},
       {track_this("garbled.raw"), {"garbled.raw", "% format"}, "garbled.raw", random_bytes(20000)},
       {track_this("garbled.raw"), {"garbled.raw", "garbled"}, "garbled.raw", with_body(body(random_bytes(200000)))},
-      {track_this("gz.raw"), {"gz.raw", "gzip", "gunzip <gz.raw"}, "gz.raw", "\x1f\x8b\x08" + random_bytes(500)},
+      {track_this("gz.raw"), {"gz.raw", "gzip", "gunzip <'gz.raw'"}, "gz.raw", "\x1f\x8b\x08" + random_bytes(500)},
       {track_this("evt4.raw"), {"evt4.raw", "EVT4"}, "evt4.raw", replaced(whole.substr(0, 400), "EVT3", "EVT4")},
       {track_this("off.csv"), {"off.csv", "100 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 0)},
       {track_this("off.csv"), {"off.csv", "50 of 100", "640 x 480", "camera.yml"}, "off.csv", text_events(100, 50)},

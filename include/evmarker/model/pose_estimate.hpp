@@ -40,7 +40,7 @@ enum class LossReason {
   hidden,          ///< its moving edges make no events
   left_image,      ///< its centre is out of the image, or part of it behind the camera
   inconsistent,    ///< too few of the events near it fit its edges
-  contradicted,    ///< too many of the events on its edges do not have the polarity that their motion makes
+  contradicted,    ///< events do not have the polarity that the motion makes: a reason for doubt, never for a loss
   verification,    ///< tracking backwards did not lead back to an earlier pose, Eqs. (13), (14)
   replaced,        ///< it was detected elsewhere
   events_missing,  ///< a gap in the events was too long to predict its motion

@@ -110,7 +110,9 @@ class TrackHealth {
     const double contradicting = std::max(0.0, interval->contradicting - by_background);
     const double evidence =
         polarities_.log_likelihood_ratio(interval->events, contradicting, activity_.events_per_passage(), sure());
-    judge(std::clamp(evidence, -bound_, bound_), LossReason::contradicted);
+    // A reason for doubt, but not for a loss: a broken column of the sensor contradicts the motion, too.
+    judge(std::min(std::clamp(evidence, -bound_, bound_), log_odds(LossReason::contradicted) + bound_ / 2),
+          LossReason::contradicted);
   }
   /// Forgets the edges' events since the last judgement; to be called when a correction has moved the pose although the
   /// marker has not moved.
