@@ -40,14 +40,13 @@ enum class LossReason {
   hidden,          ///< its moving edges make no events
   left_image,      ///< its centre is out of the image, or part of it behind the camera
   inconsistent,    ///< too few of the events near it fit its edges
-  contradicted,    ///< events do not have the polarity that the motion makes: a reason for doubt, never for a loss
   verification,    ///< tracking backwards did not lead back to an earlier pose, Eqs. (13), (14)
   replaced,        ///< it was detected elsewhere
   events_missing,  ///< a gap in the events was too long to predict its motion
   not_confirmed,   ///< it never reached the state `tracking`
   turned_away      ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
 };
-inline constexpr std::size_t kLossReasons = 10;
+inline constexpr std::size_t kLossReasons = 9;
 
 constexpr const char* to_string(LossReason reason) noexcept {
   switch (reason) {
@@ -55,7 +54,6 @@ constexpr const char* to_string(LossReason reason) noexcept {
     case LossReason::hidden: return "hidden";
     case LossReason::left_image: return "left_image";
     case LossReason::inconsistent: return "inconsistent";
-    case LossReason::contradicted: return "contradicted";
     case LossReason::verification: return "verification";
     case LossReason::replaced: return "replaced";
     case LossReason::events_missing: return "events_missing";

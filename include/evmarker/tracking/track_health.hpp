@@ -31,8 +31,9 @@ inline void validate(const TrackHealthSettings& settings) {
 /// How likely it is that a marker is where its tracker says, by four tests: do events near it lie on its edges, does
 /// every edge make as many events as before, do their polarities fit its motion, does verification pass. Each test sums
 /// log-likelihood ratios between two bounds (Page's cumulative sum test): from full confidence it takes evidence that
-/// comes up by chance once in 1 / false_alarm_rate pieces of evidence to lose the marker. The sums are kept apart, as
-/// one test may pass where another fails: a half hidden marker still matches well.
+/// comes up by chance once in 1 / false_alarm_rate pieces of evidence to lose the marker. By polarities alone it is
+/// never lost, but doubted: a broken column of the sensor contradicts the motion, too. The sums are kept apart, as one
+/// test may pass where another fails: a half hidden marker still matches well.
 class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
@@ -110,9 +111,8 @@ class TrackHealth {
     const double contradicting = std::max(0.0, interval->contradicting - by_background);
     const double evidence =
         polarities_.log_likelihood_ratio(interval->events, contradicting, activity_.events_per_passage(), sure());
-    // A reason for doubt, but not for a loss: a broken column of the sensor contradicts the motion, too.
-    judge(std::min(std::clamp(evidence, -bound_, bound_), log_odds(LossReason::contradicted) + bound_ / 2),
-          LossReason::contradicted);
+    polarity_log_odds_ = std::clamp(polarity_log_odds_ - std::clamp(evidence, -bound_, bound_), -bound_ / 2, bound_);
+    summarise();
   }
   /// Forgets the edges' events since the last judgement; to be called when a correction has moved the pose although the
   /// marker has not moved.
@@ -127,6 +127,7 @@ class TrackHealth {
   /// for the others.
   void restart(Timestamp t) noexcept {
     log_odds_.fill(bound_);
+    polarity_log_odds_ = bound_;
     log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
     log_odds_[static_cast<std::size_t>(LossReason::verification)] = 0;
     summarise();
@@ -142,7 +143,7 @@ class TrackHealth {
   bool doubtful() const noexcept { return probability_ < 0.5; }
   /// Probability that the marker is followed, by the test that speaks most against it.
   double probability() const noexcept { return probability_; }
-  /// What speaks most against it.
+  /// What speaks most for its loss.
   LossReason reason() const noexcept {
     return static_cast<LossReason>(std::min_element(log_odds_.begin() + 1, log_odds_.end()) - log_odds_.begin());
   }
@@ -162,7 +163,9 @@ class TrackHealth {
   static constexpr double kShareMemory = 50000;     // of usual_share_ [events]
   static constexpr double kRateMemory_us = 500000;  // of near_per_us_
 
-  double least() const noexcept { return *std::min_element(log_odds_.begin() + 1, log_odds_.end()); }
+  double least() const noexcept {
+    return std::min(polarity_log_odds_, *std::min_element(log_odds_.begin() + 1, log_odds_.end()));
+  }
   double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
 
   // By the logarithm of how much likelier the evidence is if the marker is lost.
@@ -182,6 +185,7 @@ class TrackHealth {
 
   double bound_;                                 // of the logarithm of the odds, to both sides
   std::array<double, kLossReasons> log_odds_{};  // that it is not lost, by LossReason; the first is unused
+  double polarity_log_odds_ = 0;                 // that the pose is right, by the polarities; it stays above -bound_
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;
