@@ -78,10 +78,9 @@ class Aedat4Reader final : public StreamingReader {
     undelivered_ = undelivered_.subspan(piece.size());
     collector_.add_each(piece.size() / kEventBytes, [&](std::size_t i) {
       const std::byte* const event = &piece[kEventBytes * i];
-      const auto coordinate = [&](std::size_t at) {
-        return static_cast<std::int16_t>(load_word<std::uint16_t>(event + at));
-      };
-      return RecordedEvent{coordinate(8), coordinate(10), event[12] != std::byte{0},
+      const auto data = load_word<std::uint64_t>(event + 8);  // x, y, ON; negative is beyond any sensor
+      return RecordedEvent{static_cast<std::uint16_t>(data), static_cast<std::uint16_t>(data >> 16U),
+                           static_cast<std::uint8_t>(data >> 32U) != 0,
                            static_cast<Timestamp>(load_word<std::uint64_t>(event))};
     });
     return true;

@@ -97,13 +97,13 @@ class EdgeFollower {
   /// estimates it, for `events_per_update` and the bound of the motion. The first call then also corrects the rule's
   /// state and so the pose. To be called directly after an update, while nothing has been collected.
   void set_events_per_passage(double events) noexcept {
-    if constexpr (requires { rule_.measure_trail(T_camera_marker_, events); }) {
+    if constexpr (SensorEstimatingRule<Rule>) {
       const bool known = std::exchange(events_per_passage_, events) > 0;
       bound_motion(length_px());
       if (known) return;
       rule_.measure_trail(T_camera_marker_, events);
       start_from(T_camera_marker_);
-    } else if constexpr (requires { rule_.set_trail_by_events_per_passage(events, matcher_.focal_length()); }) {
+    } else if constexpr (TrailTakingRule<Rule>) {
       rule_.set_trail_by_events_per_passage(events, matcher_.focal_length());
     }
   }
@@ -162,7 +162,7 @@ class EdgeFollower {
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
     c.polarity = polarity;
     c.contrast = contrast(c.segment);
-    if constexpr (requires { rule_.residual_px(c); }) c.distance_px = rule_.residual_px(c);
+    if constexpr (SensorEstimatingRule<Rule>) c.distance_px = rule_.residual_px(c);
     return std::min(c.distance_px * c.distance_px, most_px2);
   }
 
@@ -183,7 +183,7 @@ class EdgeFollower {
 
   // Widens the matching distance by how far slow pixels spread the events of moving edges, but not across a cell.
   void adapt_to_spread() noexcept {
-    if constexpr (requires { rule_.smear_px(); }) {
+    if constexpr (SensorEstimatingRule<Rule>) {
       constexpr double kSmears = 3, kMostCells = 0.3;
       const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
       const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));

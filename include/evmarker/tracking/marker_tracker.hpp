@@ -354,7 +354,7 @@ class MarkerTracker {
   }
 
   bool events_fill_distance() const noexcept {
-    if constexpr (requires(const Rule& rule) { rule.events_fill_distance(); })
+    if constexpr (SensorEstimatingRule<Rule>)
       return follower_.rule().events_fill_distance();
     else
       return false;

@@ -17,11 +17,12 @@ void report(const EdgeFollower<Rule>& follower, PoseEstimate& pose) noexcept {
   if constexpr (MotionEstimatingRule<Rule>) {
     pose.covariance = rule.covariance();
     pose.twist = rule.twist();
-    if constexpr (requires { rule.delay_s(); })
-      if (const double delay_s = rule.delay_s(); delay_s > 0) perturb(pose.T_camera_marker, delay_s * *pose.twist);
   }
-  if constexpr (requires { rule.edge_offset_px(); }) pose.edge_offset_px = rule.edge_offset_px();
-  if constexpr (requires { rule.trail_px(); }) pose.trail_px = rule.trail_px();
+  if constexpr (SensorEstimatingRule<Rule>) {
+    if (const double delay_s = rule.delay_s(); delay_s > 0) perturb(pose.T_camera_marker, delay_s * *pose.twist);
+    pose.edge_offset_px = rule.edge_offset_px();
+    pose.trail_px = rule.trail_px();
+  }
   pose.quality.matched = follower.last_update().matched;
   pose.quality.offered = follower.last_update().offered;
   pose.quality.residual_px = follower.last_update().residual_px;

@@ -206,6 +206,6 @@ class DecoupledUpdate {
   std::array<double, 2 * simd::kLanes> weights_{};      // w0 (1 - w0)^(7 - i), then zeros
 };
 
-static_assert(BatchUpdateRule<DecoupledUpdate>);
+static_assert(BatchUpdateRule<DecoupledUpdate> && NoiseAwareRule<DecoupledUpdate> && TrailTakingRule<DecoupledUpdate>);
 
 }  // namespace evmarker

@@ -389,6 +389,7 @@ class KalmanUpdate {
   Vec6 to_other_pose_;                          // see set_other_pose
 };
 
-static_assert(MotionEstimatingRule<KalmanUpdate> && BatchUpdateRule<KalmanUpdate>);
+static_assert(BatchUpdateRule<KalmanUpdate> && NoiseAwareRule<KalmanUpdate> && MotionBoundingRule<KalmanUpdate> &&
+              SensorEstimatingRule<KalmanUpdate> && MirrorableRule<KalmanUpdate>);
 
 }  // namespace evmarker

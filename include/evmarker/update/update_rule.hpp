@@ -65,6 +65,34 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
   { rule.advance_by_event_count(T_camera_marker, t) } noexcept;
 };
 
+/// A rule that estimates where, and how late, the sensor makes the events of an edge.
+template <typename R>
+concept SensorEstimatingRule = MotionEstimatingRule<R> &&
+    requires(R& rule, const R& constant, const Correspondence& correspondence, Eigen::Isometry3d& T_camera_marker,
+             double events_per_passage, double distance_px) {
+  /// Takes how many events a pixel makes while an edge passes over it: corrects the trail, and what follows from it for
+  /// state and pose.
+  { rule.measure_trail(T_camera_marker, events_per_passage) } noexcept;
+  /// Sets within which distance of an edge events are matched.
+  { rule.set_max_distance_px(distance_px) } noexcept;
+  /// Signed distance of an event from where its edge makes events [px].
+  { constant.residual_px(correspondence) } noexcept -> std::same_as<double>;
+  /// How far on the dark side of an edge its events lie, and how far behind it while it moves [px].
+  { constant.edge_offset_px() } noexcept -> std::same_as<double>;
+  { constant.trail_px() } noexcept -> std::same_as<double>;
+  /// By how much events are late [s], and how far that spreads the events of moving edges (standard deviation, px).
+  { constant.delay_s() } noexcept -> std::same_as<double>;
+  { constant.smear_px() } noexcept -> std::same_as<double>;
+  /// True if events lie nearly evenly over the matching distance: then they do not show where their edges are.
+  { constant.events_fill_distance() } noexcept -> std::same_as<bool>;
+};
+
+/// A rule that estimates no trail, and takes the one that follows from the events of a passage.
+template <typename R>
+concept TrailTakingRule = PoseUpdateRule<R> && requires(R& rule, double events_per_passage, double focal_length) {
+  { rule.set_trail_by_events_per_passage(events_per_passage, focal_length) } noexcept;
+};
+
 /// A rule that can go over to the other pose at which a flat wireframe looks alike.
 template <typename R>
 concept MirrorableRule = MotionEstimatingRule<R> &&
