@@ -1,5 +1,6 @@
 #pragma once
 // An event and an edge: their distance in the image, Eq. (1), and their nearest points in space, Eqs. (3) to (5).
+#include <cmath>
 #include <limits>
 
 #include "evmarker/base/vector.hpp"
@@ -40,8 +41,9 @@ struct ClosestPoints {
   const Vec3 E = points.E;
   const double by_z = 1 / E.z, x = by_z * E.x, y = by_z * E.y, way = focal_length * by_z * points.from_end;
   const double along_x = way * (S.x - x * S.z), along_y = way * (S.y - y * S.z);
-  return 4 * points.from_end < end - begin ? along_x * along_x + along_y * along_y
-                                           : std::numeric_limits<double>::infinity();
+  // Without a branch, which would keep the loop over a batch from being vectorised.
+  const double most = std::copysign(std::numeric_limits<double>::infinity(), 4 * points.from_end - (end - begin));
+  return simd::larger(along_x * along_x + along_y * along_y, most);
 }
 
 }  // namespace evmarker
