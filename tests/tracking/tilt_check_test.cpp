@@ -25,8 +25,8 @@ Trajectory nodding(double distance) {
   };
 }
 
-MarkerTracker<> tracker_at(const Eigen::Isometry3d& T, Timestamp t = 0) {
-  return {simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()), T, {}, 0, t};
+MarkerTracker<> tracker_at(const Eigen::Isometry3d& T, Timestamp t = 0, const MarkerTrackerSettings<>& settings = {}) {
+  return {simulated::camera, make_code_marker(simulated::kMarkerLength, simulated::code()), T, settings, 0, t};
 }
 
 }  // namespace
@@ -57,6 +57,36 @@ TEST_CASE("a tracker that has taken a marker's turn to the wrong side changes ov
     CHECK(meter.wild() == 0);
     CHECK(meter.nees().mean < 2.5);
   }
+}
+
+TEST_CASE("events beyond the reach have no effect, also while both sides are followed") {
+  const Trajectory motion = nodding(1);
+  constexpr Timestamp kStart = 530000;
+  std::vector<Event> events =
+      simulated::record({simulated::camera,
+                         {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+                         SimulatorSettings{.duration_s = 0.65, .seed = 5, .noise_hz_per_px = 5}});
+  std::erase_if(events, [](const Event& event) { return event.t < kStart; });
+  const UndistortionTable lines(simulated::camera);
+  MarkerTracker<> all = tracker_at(mirrored(motion(seconds(kStart))), kStart, {.start_search = std::nullopt});
+  MarkerTracker<> reached = all;
+  Box reach = reached.reach();
+  double widest = reach.size();
+  int poses = 0, differing = 0;
+  for (const Event& event : events) {
+    const PoseEstimate* const pose = all.push(event);
+    const bool reaches = reach.contains(lines(event));
+    const PoseEstimate* const same = reaches ? reached.push(event) : nullptr;
+    differing += (pose == nullptr) != (same == nullptr);
+    if (pose == nullptr || same == nullptr) continue;
+    ++poses;
+    differing += pose->T_camera_marker.matrix() != same->T_camera_marker.matrix();
+    reach = reached.reach();
+    widest = std::max(widest, reach.size());
+  }
+  REQUIRE(poses > 300);
+  CHECK(differing == 0);
+  CHECK(widest < 0.15);  // of 1, the distance; the marker is 0.1
 }
 
 TEST_CASE("a marker whose perspective shows its side is not in doubt") {

@@ -175,7 +175,7 @@ class MarkerTracker {
   /// Events with lines of sight (X/Z, Y/Z) outside of this box have no effect. It holds until the next pose.
   /// @param border_cells the box contains at least this wide a border around a code marker [cells]
   Box reach(double border_cells = 0) const noexcept {
-    return start_pending_ || tilt_.comparing() ? Box::everywhere() : follower_.matcher().reach(border_cells);
+    return start_pending_ ? Box::everywhere() : tilt_.reach(follower_.matcher().reach(border_cells), border_cells);
   }
 
   /// True while it tracks and no evidence speaks against that.

@@ -55,7 +55,9 @@ class PlanarHypotheses {
   MarkerId id() const noexcept { return tracker_.id(); }
   /// See MarkerTracker::reach.
   Box reach(double border_cells = 0) const noexcept {
-    return ambiguous_ ? Box::everywhere() : tracker_.reach(border_cells);
+    Box reach = tracker_.reach(border_cells);
+    if (ambiguous_) reach.extend(rival_->reach(border_cells));
+    return reach;
   }
   /// See MarkerTracker::unchanged_by_next.
   bool unchanged_by_next(std::size_t events) const noexcept {

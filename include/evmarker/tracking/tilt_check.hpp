@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/model/planar_ambiguity.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
@@ -24,10 +25,17 @@ class TiltCheck {
       if ((plane_ = plane_of(follower.matcher().model()))) other_.emplace(follower);
   }
 
-  /// True while both poses are followed: every event must be pushed.
+  /// True while both poses are followed: every event that either reaches must be pushed.
   bool comparing() const noexcept { return phase_ == Phase::comparing; }
   /// True while the pose may be off by more than 20 deg.
   bool doubtful() const noexcept { return comparing() && between_rad_ > kWild_rad; }
+
+  /// What both poses together reach, see MarkerTracker::reach.
+  /// @param reach of the follower's pose
+  Box reach(Box reach, double border_cells) const noexcept {
+    if (comparing()) reach.extend(other_->matcher().reach(border_cells));
+    return reach;
+  }
 
   /// Takes an event that the follower has not taken yet, while both poses are followed.
   void push(const EdgeFollower<Rule>& follower, Vec2 m, Timestamp t, double polarity) noexcept {
