@@ -37,7 +37,7 @@ class EcfColumns {
         if (bit >= 64) throw std::runtime_error("garbled: a step of time of more than 64 bits");
         t += std::uint64_t{run & 0xFU} << bit;
       }
-      t += run >> 4;
+      t += std::uint64_t{run} >> 4;
       for (Event& event : run_of<4>(run, i)) event.t = static_cast<Timestamp>(t);
     }
   }
