@@ -9,7 +9,9 @@
 #include <cstdint>
 #include <cstring>
 #include <numbers>
+#include <ranges>
 #include <span>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -518,6 +520,21 @@ TEST_CASE("a gap while the marker rests takes it where pose_at says, not on by t
   REQUIRE(tracker.skip(kMissing) == nullptr);
   CHECK(pose_error(tracker.T_camera_marker(), expected.T_camera_marker).translation_mm < 1e-6);
   CHECK(pose_error(tracker.T_camera_marker(), resting.T_camera_marker).translation_mm < 0.2);
+}
+
+TEST_CASE("what a range throws reaches the caller, and the events before it have been taken") {
+  const Trajectory motion = simulated::near_motion(47);
+  const auto events = simulated::near_events(motion, 0.05, 47);
+  std::size_t given = 0;
+  auto until_unplugged = events | std::views::transform([&](const Event& event) {
+                           if (++given > 5000) throw std::runtime_error("the camera is gone");
+                           return event;
+                         });
+  REQUIRE(events.size() > 5000);
+  MarkerTracker<> tracker = code_tracker(motion(0));
+  int poses = 0;
+  CHECK_THROWS_AS(tracker.push(until_unplugged, [&](const PoseEstimate&) { ++poses; }), std::runtime_error);
+  CHECK(poses > 10);
 }
 
 TEST_CASE("what cannot work is refused by name") {
