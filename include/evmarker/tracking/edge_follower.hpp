@@ -183,7 +183,7 @@ class EdgeFollower {
 
   // Widens the matching distance by how far slow pixels spread the events of moving edges, but not across a cell.
   void adapt_to_spread() noexcept {
-    if constexpr (SensorEstimatingRule<Rule>) {
+    if constexpr (SmearEstimatingRule<Rule>) {
       constexpr double kSmears = 3, kMostCells = 0.3;
       const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
       const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));

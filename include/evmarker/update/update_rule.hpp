@@ -65,24 +65,30 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
   { rule.advance_by_event_count(T_camera_marker, t) } noexcept;
 };
 
-/// A rule that estimates where, and how late, the sensor makes the events of an edge.
+/// A rule that estimates how far the pixels' response time spreads the events of moving edges.
 template <typename R>
-concept SensorEstimatingRule = MotionEstimatingRule<R> &&
+concept SmearEstimatingRule = PoseUpdateRule<R> && requires(R& rule, const R& constant, double distance_px) {
+  /// Standard deviation of that spread now [px].
+  { constant.smear_px() } noexcept -> std::same_as<double>;
+  /// Sets within which distance of an edge events are matched, which follows it.
+  { rule.set_max_distance_px(distance_px) } noexcept;
+};
+
+/// A rule that estimates, too, where and how late the sensor makes the events of an edge.
+template <typename R>
+concept SensorEstimatingRule = MotionEstimatingRule<R> && SmearEstimatingRule<R> &&
     requires(R& rule, const R& constant, const Correspondence& correspondence, Eigen::Isometry3d& T_camera_marker,
-             double events_per_passage, double distance_px) {
+             double events_per_passage) {
   /// Takes how many events a pixel makes while an edge passes over it: corrects the trail, and what follows from it for
   /// state and pose.
   { rule.measure_trail(T_camera_marker, events_per_passage) } noexcept;
-  /// Sets within which distance of an edge events are matched.
-  { rule.set_max_distance_px(distance_px) } noexcept;
   /// Signed distance of an event from where its edge makes events [px].
   { constant.residual_px(correspondence) } noexcept -> std::same_as<double>;
   /// How far on the dark side of an edge its events lie, and how far behind it while it moves [px].
   { constant.edge_offset_px() } noexcept -> std::same_as<double>;
   { constant.trail_px() } noexcept -> std::same_as<double>;
-  /// By how much events are late [s], and how far that spreads the events of moving edges (standard deviation, px).
+  /// By how much events are late [s].
   { constant.delay_s() } noexcept -> std::same_as<double>;
-  { constant.smear_px() } noexcept -> std::same_as<double>;
   /// True if events lie nearly evenly over the matching distance: then they do not show where their edges are.
   { constant.events_fill_distance() } noexcept -> std::same_as<bool>;
 };
