@@ -533,7 +533,7 @@ TEST_CASE("what a range throws reaches the caller, and the events before it have
   REQUIRE(events.size() > 5000);
   MarkerTracker<> tracker = code_tracker(motion(0));
   int poses = 0;
-  CHECK_THROWS_AS(tracker.push(until_unplugged, [&](const PoseEstimate&) { ++poses; }), std::runtime_error);
+  CHECK_THROWS_AS(tracker.push(until_unplugged, [&](const PoseEstimate&) noexcept { ++poses; }), std::runtime_error);
   CHECK(poses > 10);
 }
 
