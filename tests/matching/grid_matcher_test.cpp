@@ -82,7 +82,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   GridMatches matches;
   matches.count = static_cast<std::size_t>(random.integer(1, simd::kLanes));
   const auto lane = static_cast<std::size_t>(random.integer(0, static_cast<int>(matches.count) - 1));
-  for (std::size_t i = 0; i < matches.count; ++i) matches.set(i, m, 7, -1, 0, 0, *careful.edge);
+  for (std::size_t i = 0; i < matches.count; ++i) matches.set(i, m, 7, -1, 0, 0, *careful.edge, 0.7);
   Correspondences c;
   evmarker::correspond(
       matches, [&](std::size_t) -> const auto& { return grid.projected(); }, grid.focal_length(), c);
@@ -94,7 +94,7 @@ bool same_in_group(const GridMatcher& grid, const Vector2d& m, MatchResult resul
   found.E = {c.E_x[lane], c.E_y[lane], c.E_z[lane]};
   found.gradient = {c.g_x[lane], c.g_y[lane], c.g_z[lane]};
   return agree(found, expected) && c.t[lane] == 7 && c.polarity[lane] == -1 && c.is_event[lane] == 1 &&
-         c.count == matches.count && simd::sum(c.is_event) == static_cast<double>(c.count);
+         c.contrast[lane] == 0.7 && c.count == matches.count && simd::sum(c.is_event) == static_cast<double>(c.count);
 }
 
 void compare(const GridMatcher& grid, const SegmentMatcher& segments, const Vector2d& m, Tally& tally) {

@@ -75,14 +75,16 @@ struct EdgeLine {
 struct GridMatches {
   alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};  ///< line of sight (x, y; 1), time [us], 1 ON, -1 OFF, 0 unknown
   alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
+  alignas(64) simd::Lanes contrast{1, 1, 1, 1, 1, 1, 1, 1};           ///< of the edge, as in Correspondence
   std::array<std::size_t, simd::kLanes> grid{};                       ///< number of the grid
   std::array<int, simd::kLanes> segment{};                            ///< as in Correspondence
   std::size_t count = 0;
 
   /// Writes entry i; does not change `count`.
   /// @param first_segment of the grid, among those of the model
+  /// @param contrast_of_edge as in Correspondence; not 0
   void set(std::size_t i, Vec2 m, Timestamp time, double sign, std::size_t number_of_grid, int first_segment,
-           const GridEdges::Stretch& edge) noexcept {
+           const GridEdges::Stretch& edge, double contrast_of_edge) noexcept {
     x[i] = m.x;
     y[i] = m.y;
     t[i] = static_cast<double>(time);
@@ -92,6 +94,7 @@ struct GridMatches {
     begin[i] = edge.begin;
     end[i] = edge.end;
     dark[i] = edge.dark;
+    contrast[i] = contrast_of_edge;
     grid[i] = number_of_grid;
     segment[i] = first_segment + edge.segment;
   }
@@ -130,6 +133,7 @@ template <typename LineOf>
     c.g_y[i] = geometry.gradient.y;
     c.g_z[i] = geometry.gradient.z;
   });
+  c.contrast = matches.contrast;
   c.segment = matches.segment;
   c.set_count(matches.count);
 }

@@ -275,7 +275,8 @@ class EdgeFollower {
     }
     if (adds_in_batches_) {
       ++offered_;
-      matches_.set(matches_.count++, m, t, polarity, number, first_segment, *choice.edge);
+      matches_.set(matches_.count++, m, t, polarity, number, first_segment, *choice.edge,
+                   contrast(first_segment + choice.edge->segment));
       const bool enough = ++matched_ == interval_.events();
       if (matches_.count == simd::kLanes) add_matches();
       return {choice.result, enough && update(t), first_segment + choice.edge->segment};
@@ -317,11 +318,7 @@ class EdgeFollower {
         Correspondences c;
         const auto grid_of = [&](std::size_t number) -> const ProjectedGrid& { return matcher_.projected(number); };
         correspond(matches_, grid_of, matcher_.focal_length(), c);
-        c.contrast.fill(1);
-        for (std::size_t i = 0; i < c.count; ++i) {
-          c.contrast[i] = contrast(c.segment[i]);
-          count_in_middle(c.segment[i], c.from_end_px2[i]);
-        }
+        for (std::size_t i = 0; i < c.count; ++i) count_in_middle(c.segment[i], c.from_end_px2[i]);
         rule_.add(c, T_camera_marker_);
         alignas(64) simd::Lanes squared_px;
         for (std::size_t i = 0; i < simd::kLanes; ++i)

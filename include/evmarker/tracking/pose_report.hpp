@@ -9,13 +9,15 @@ namespace evmarker {
 
 /// Writes the pose, what the rule estimates beside it, and what the last update rested on. As events are late, the pose
 /// that they show is that of some time ago: it is moved on by that delay.
-// In place: with a pose for every event, making and copying it would cost as much as the matching.
+// In place: with a pose for every event, making and copying it would cost as much as the matching. An optional that is
+// assigned as a whole is copied by a slow instruction for long blocks.
 template <PoseUpdateRule Rule>
 void report(const EdgeFollower<Rule>& follower, PoseEstimate& pose) noexcept {
   const Rule& rule = follower.rule();
   pose.T_camera_marker = follower.T_camera_marker();
   if constexpr (MotionEstimatingRule<Rule>) {
-    pose.covariance = rule.covariance();
+    if (!pose.covariance) pose.covariance.emplace();
+    pose.covariance->noalias() = rule.covariance();
     pose.twist = rule.twist();
   }
   if constexpr (SensorEstimatingRule<Rule>) {

@@ -8,6 +8,7 @@
 
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
+#include "evmarker/simd/pack.hpp"
 #include "evmarker/update/adaptive_motion.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
@@ -221,22 +222,24 @@ class KalmanUpdate {
   /// The covariance without the part of another pose and, by default, without that of an unknown delay.
   /// @param delay_s2 variance of an unknown delay, which shifts the pose along its twist [s^2]
   [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0) const noexcept {
+    // By packs: the compiler would compute one element after the other, as P might overlap what it is computed from.
+    using Column = simd::Pack<6, 128>;
     Matrix6d P;
-    for (int k = 0; k < 6; ++k)
-      for (int i = 0; i < 6; ++i) P(i, k) = state_.P.xx(i, k);
+    for (Eigen::Index k = 0; k < 6; ++k) Column(&state_.P.xx(0, k)).store(&P(0, k));
     if (const double lead_s = state_.lead.s; lead_s != 0) {
       const auto [motion, q] = motion_.step(lead_s, state_.twist, statistics_);
       state_.add_motion(P, motion, q);
     }
-    const std::array<double, 6> twist = state_.twist.array(), delayed = (delay_s2 * state_.twist).array();
-    const Matrix6d& edge_covariance = errors_.edge_covariance();
-    const double edge_factor = errors_.edge_factor();
-    for (std::size_t k = 0; k < 6; ++k)
-      for (std::size_t i = 0; i < 6; ++i) {
-        double& element = P.data()[6 * k + i];
-        element = settings_.covariance_scale * element + edge_factor * edge_covariance.data()[6 * k + i] +
-                  twist[k] * delayed[i];
-      }
+    const std::array<double, 6> twist = state_.twist.array();
+    const Column delayed((delay_s2 * state_.twist).array().data());
+    const double scale = settings_.covariance_scale, edge_factor = errors_.edge_factor();
+    for (Eigen::Index k = 0; k < 6; ++k) {
+      Column column(&P(0, k));
+      column.scale(scale);
+      column.add(edge_factor, Column(&errors_.edge_covariance()(0, k)));
+      column.add(twist[static_cast<std::size_t>(k)], delayed);
+      column.store(&P(0, k));
+    }
     for (int k = 1; k < 6; ++k)  // symmetric to the last bit
       for (int i = 0; i < k; ++i) P(i, k) = P(k, i);
     return P;
@@ -375,10 +378,12 @@ class KalmanUpdate {
 
   Settings settings_;
   KalmanState state_;
+  // Since the last update. Next to the state: where both are 4 KiB apart, a processor takes loads of one for loads of
+  // what it has just stored of the other, and waits: 7 % of the time with ten events an update.
+  KalmanMeasurements measurements_;
   AdaptiveMotion motion_;
   MeasurementModel model_;
   SystematicErrors errors_;
-  KalmanMeasurements measurements_;  // since the last update
   MeasurementStatistics statistics_;
   PolarityAgreement polarities_;  // since the last set_signal_weight
   // Time of the pose [us], exact to 2^53. Infinite before the first update, so that us_since_update() is 0.
