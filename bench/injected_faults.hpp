@@ -109,15 +109,18 @@ inline Fault clock_step(std::string name, Timestamp step_us) {
 }
 
 /// Every pixel of the image's middle column fires ON events at a rate of its own, whatever it sees.
-inline Fault hot_column(std::string name, Timestamp duration_us, double hz_per_px) {
+inline Fault hot_column(std::string name, Timestamp duration_us, double hz_per_px, bool both_polarities = false) {
   return {std::move(name), duration_us, [=](std::span<const Event> events, const FaultPlace& place, Random& random) {
             std::vector<Event> hot;
             for (int y = 0; y < place.sensor.height; ++y) {
               const double period_us = 1e6 / (hz_per_px * random.uniform(0.9, 1.1));
+              std::int16_t polarity = 1;
               for (double t = static_cast<double>(place.begin) + random.uniform() * period_us;
-                   t < static_cast<double>(place.end); t += period_us)
-                hot.push_back({static_cast<std::uint16_t>(place.sensor.width / 2), static_cast<std::uint16_t>(y), 1,
-                               static_cast<Timestamp>(t)});
+                   t < static_cast<double>(place.end); t += period_us) {
+                hot.push_back({static_cast<std::uint16_t>(place.sensor.width / 2), static_cast<std::uint16_t>(y),
+                               polarity, static_cast<Timestamp>(t)});
+                if (both_polarities) polarity = 1 - polarity;
+              }
             }
             return detail::merged(events, std::move(hot));
           }};
@@ -206,6 +209,7 @@ inline std::vector<Fault> all_faults() {
   faults.push_back(hot_column("hot column, 1 kHz each pixel, for 0.3 s", 300 * kMs, 1000));
   faults.push_back(hot_column("hot column, 3 kHz each pixel, for 0.3 s", 300 * kMs, 3000));
   faults.push_back(hot_column("hot column, 10 kHz each pixel, for 0.3 s", 300 * kMs, 10000));
+  faults.push_back(hot_column("hot column, 3 kHz of both polarities, for 0.3 s", 300 * kMs, 3000, true));
   faults.push_back(noise_burst("noise of 20 Mev/s, for 50 ms", 50 * kMs, 20));
   faults.push_back(sensor_restart("sensor off for 1 s, then a flash", kSecond));
   return faults;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/events/hot_lines.hpp"
 
 namespace evmarker {
 
@@ -14,14 +15,17 @@ namespace evmarker {
 ///
 /// An edge that passes makes a pixel fire some 20 times at most, and soon makes those beside it fire as often. A pixel
 /// is hot if it fires more than some 370 times in 0.26 s while those 2 px away, to both sides in x or to both sides in
-/// y, are as good as silent: alone, or in a line, as where a column of the sensor is broken. It is so for a second from
-/// then on. A flickering lamp makes all pixels of an area fire, which are not hot.
+/// y, are as good as silent: alone, or in a line, as where a column of the sensor is broken; of a whole such column or
+/// row, see HotLines, at once. It is so for a second from then on. A flickering lamp makes all pixels of an area fire,
+/// which are not hot.
 class HotPixels {
  public:
   static constexpr std::size_t kEventsPerUpdate = 1024;  ///< most events between two calls of `update`
 
   explicit HotPixels(SensorSize size)
-      : size_(size), counts_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {
+      : size_(size),
+        counts_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)),
+        lines_(size, kEventsPerSample) {
     hot_until_.resize(counts_.size());
   }
 
@@ -77,9 +81,18 @@ class HotPixels {
     if (samples + 1 < kHot) {
       counts_[pixel] = static_cast<std::uint8_t>(now % kEpochs << 4U | (samples + 1));
     } else if (stands_out(event.x, event.y, now)) {  // the count stays: every further sample is judged
-      any_ = true;
-      hot_until_[pixel] = now + kEpochsHot;
+      mark(event.x, event.y, now);
     }
+    lines_.count(event, now);
+    if (lines_.column_is_hot())
+      for (int y = 0; y < size_.height; ++y) mark(event.x, y, now);
+    if (lines_.row_is_hot())
+      for (int x = 0; x < size_.width; ++x) mark(x, event.y, now);
+  }
+
+  void mark(int x, int y, std::uint32_t now) noexcept {
+    any_ = true;
+    hot_until_[index(x, y)] = now + kEpochsHot;
   }
 
   // Only four bits of the epoch are kept. So a pixel's few samples of four seconds ago may count once more.
@@ -100,7 +113,8 @@ class HotPixels {
   std::size_t samples_put_aside_ = 0, until_sample_ = kEventsPerSample;
   std::vector<std::uint8_t> counts_;      // of each pixel: samples in an epoch, and four bits of the epoch
   std::vector<std::uint32_t> hot_until_;  // the last epoch in which a pixel is hot; 0 if it never was
-  bool any_ = false;                      // there has been one
+  HotLines lines_;
+  bool any_ = false;  // there has been one
 };
 
 }  // namespace evmarker
