@@ -50,7 +50,7 @@ class FaultVerdict {
   double longest_wrong_ms() const { return longest_wrong_ms_; }
   /// Largest errors of the poses that are called `tracking`.
   const PoseError& worst() const { return worst_; }
-  /// Longest time from the end of a fault until the marker was tracked for good; infinite if it never was.
+  /// Longest time from the end of a fault until the marker was tracked for 0.1 s on end; infinite if it never was.
   double settled_ms() const { return settled_ms_; }
 
   /// How often the marker was lost and why, as "2 hidden, 1 verification".
@@ -64,8 +64,10 @@ class FaultVerdict {
   }
 
  private:
-  // The first pose `tracking` after the fault behind which, until the next fault, there is none of another state.
+  // The first pose `tracking` after the fault behind which, for 0.1 s, there is none of another state. Later doubts
+  // have other reasons.
   double settled_ms(Timestamp begin, Timestamp end, Timestamp until) const {
+    constexpr double kOnEnd_ms = 100;
     double settled = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < poses_.size(); ++i) {
       const JudgedPose& pose = poses_[i];
@@ -73,6 +75,7 @@ class FaultVerdict {
       const bool loss = pose.state == TrackingState::lost;
       const Timestamp t = loss && i + 1 < poses_.size() ? poses_[i + 1].t : pose.t;
       if (t < begin || t >= until) continue;
+      if (settled + kOnEnd_ms < 1e-3 * static_cast<double>(t - end)) break;
       if (!pose.tracking())
         settled = std::numeric_limits<double>::infinity();
       else if (pose.t >= end && settled == std::numeric_limits<double>::infinity())
