@@ -15,6 +15,8 @@ struct Around {
   double t_us = 0;
   int judged = 0, still = 0, moving = 0;
 
+  Around() { share.add(0, 0, 0); }
+
   void pass(double seconds, double matched_hz, double others_hz) {
     judged = still = moving = 0;
     for (const double end_us = t_us + seconds * 1e6; t_us < end_us;) {
@@ -32,6 +34,16 @@ struct Around {
 }  // namespace
 
 TEST_CASE("events are of moving edges before anything is known") { CHECK(BackgroundShare().signal() == 1); }
+
+TEST_CASE("the first events, which began at an unknown time, tell no rate of the background") {
+  BackgroundShare share;
+  share.expect_matching(1.0 / 3);
+  share.add(100, 2000, 1000000);
+  share.add(100, 10, 1001000);
+  // Twice the usual rate at most, of which half as many match: 10 in a millisecond, not 1000 in one.
+  share.add(100, 1000, 1002000);
+  CHECK(share.matching_per_s() == doctest::Approx(10000).epsilon(0.01));
+}
 
 TEST_CASE("at rest the events are background, whatever its rate and however crowded the edges are") {
   for (const double matching : {0.2, 1.0 / 3, 0.6})

@@ -117,6 +117,12 @@ TEST_CASE("the first events are converging, then tracking, and poses carry id, t
   CHECK(tracker.estimate().quality.backtrack_px < 5);
 }
 
+TEST_CASE("before its first update, a pose is as old as its start") {
+  const MarkerTracker<> tracker(simulated::camera, make_square_marker(0.1), facing_pose({0, 0, 0.6}), {}, 7, 5000000);
+  CHECK(tracker.estimate().t == 5000000);
+  CHECK(tracker.estimate().quality.updated_t == 5000000);
+}
+
 TEST_CASE("the paper's rule estimates no covariance and no velocity, and says so") {
   const auto pose = code_tracker<DecoupledUpdate>(facing_pose({0, 0, 0.6})).estimate();
   CHECK_FALSE(pose.covariance);

@@ -897,6 +897,7 @@ TEST_CASE("settings out of range are named") {
   CHECK_THROWS_WITH(make({.detection_latency = -1us}), doctest::Contains("detection_latency"));
   CHECK_THROWS_WITH(make({.detections_to_confirm = 0}), doctest::Contains("detections_to_confirm is 0"));
   CHECK_THROWS_WITH(make({.max_markers = 0}), doctest::Contains("max_markers is 0"));
+  CHECK_THROWS_WITH(make({.history_events = 0}), doctest::Contains("history_events is 0"));
   CHECK_NOTHROW(make({.filter_window = kAutomaticWindow}));
   CHECK_THROWS_WITH(make({.filter_window = -1us}), doctest::Contains("window is -1 us"));
   CHECK_THROWS_WITH(make({.history_events = 0}), doctest::Contains("history"));

@@ -516,6 +516,37 @@ TEST_CASE("what the events do not say has not moved: after a rest the pose stays
   }
 }
 
+TEST_CASE("noise at rest tells nothing of the edges: the covariance after it is that without it") {
+  const Trajectory motion = trajectory::linear(kTruth, {0.25, -0.15, 0.2}, {0.8, -0.6, 1.5});
+  Follower moving = follower(kTruth, 100);
+  ExactEvents events(74);
+  Timestamp t = follow(moving, events, motion, 10000, 0);
+  KalmanUpdate rule = moving.rule(), rested = moving.rule();
+  Isometry3d T = moving.T_camera_marker(), T_rested = T;
+  for (KalmanUpdate* each : {&rule, &rested}) each->bound_motion_by_events(300, 1);
+  rule.set_signal_weight(1, 0);
+  rested.set_signal_weight(0, 1000);
+  for (int i = 0; i < 20000; ++i) rested.add(matched(T, i % 2 == 0 ? 1.5 : -1.5), T);
+  REQUIRE(rested.update(T_rested, t));
+  rested.set_signal_weight(1, 0);
+  SegmentMatcher matcher(kCode, kFocal);
+  for (int update = 0; update < 100; ++update) {
+    REQUIRE(matcher.project(T));
+    for (int i = 0; i < 100;) {
+      Correspondence c;
+      if (matcher.match(events.next(motion(1e-6 * static_cast<double>(t + 10))), c) != MatchResult::matched) continue;
+      c.t = t += 10;
+      rule.add(c, T);
+      rested.add(c, T_rested);
+      ++i;
+    }
+    REQUIRE(rule.update(T, t));
+    REQUIRE(rested.update(T_rested, t));
+  }
+  CHECK(T_rested.isApprox(T, 1e-12));
+  CHECK(rested.covariance().isApprox(rule.covariance(), 1e-9));
+}
+
 TEST_CASE("constant motion: velocity of the marker's origin and turn rate, both in the camera frame") {
   const Vector3d v(0.25, -0.15, 0.2), w(0.8, -0.6, 1.5);
   const Vector6d truth = step(v, w);

@@ -11,18 +11,19 @@ namespace evmarker {
 
 /// Finds hot lines by counting a sample of the events in every row and column.
 ///
-/// An edge that passes makes a pixel fire some 20 times at most, all with one polarity. A line is hot if its pixels
-/// fired more than 40 times each on average, nearly all with one polarity, or more than 120 times with either, and the
-/// lines 2 px away, to both sides, far less. That shows sooner than of each of its pixels alone, see HotPixels. An edge
-/// that vibrates along a whole line without a tilt of 2 px would be taken for a broken one, too, and its events lost.
+/// An edge that passes makes a pixel fire some 20 times at most, all with one polarity. A line is hot if in one epoch
+/// (0.26 s, see HotPixels) its pixels fired 40 times each on average, nearly all with one polarity, or 120 times with
+/// either, and eight times as often as those of the lines 2 px away, to both sides. That takes fewer events of a pixel
+/// than HotPixels needs to judge it alone. An edge that vibrates along a whole line, tilted by less than 2 px, would be
+/// taken for a broken line, too, and its events lost.
 class HotLines {
  public:
   /// @param events_per_sample one in so many events is counted
   HotLines(SensorSize size, double events_per_sample)
       : columns_(size.width, size.height, events_per_sample), rows_(size.height, size.width, events_per_sample) {}
 
-  /// Counts a sample of the events, which must lie on the sensor.
-  /// @param epoch counts of earlier ones no longer count
+  /// Counts one sampled event, which must lie on the sensor.
+  /// @param epoch number of the present period of time; what was counted in another one is forgotten
   void count(const Event& event, std::uint32_t epoch) noexcept {
     column_is_hot_ = columns_.count(event.x, event.p > 0, epoch);
     row_is_hot_ = rows_.count(event.y, event.p > 0, epoch);
@@ -36,8 +37,8 @@ class HotLines {
   // All lines of one direction.
   class Lines {
    public:
-    Lines(int number, int length_px, double events_per_sample)
-        : lines_(static_cast<std::size_t>(number)),
+    Lines(int count, int length_px, double events_per_sample)
+        : lines_(static_cast<std::size_t>(count)),
           judged_every_(static_cast<std::uint32_t>(std::max(1.0, kEventsPerPixel * length_px / events_per_sample))) {}
 
     bool count(std::size_t number, bool on, std::uint32_t epoch) noexcept {
@@ -63,9 +64,9 @@ class HotLines {
     };
 
     // Beyond the sensor's border all is quiet; numbers below 0 wrap to beyond it, too.
-    bool is_quiet(std::size_t number, const Line& beside) const noexcept {
-      if (number >= lines_.size() || lines_[number].epoch != beside.epoch) return true;
-      return lines_[number].samples * kTimesMore <= beside.samples;
+    bool is_quiet(std::size_t number, const Line& judged) const noexcept {
+      if (number >= lines_.size() || lines_[number].epoch != judged.epoch) return true;
+      return lines_[number].samples * kTimesMore <= judged.samples;
     }
 
     std::vector<Line> lines_;

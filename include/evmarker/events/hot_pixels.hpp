@@ -15,9 +15,9 @@ namespace evmarker {
 ///
 /// An edge that passes makes a pixel fire some 20 times at most, and soon makes those beside it fire as often. A pixel
 /// is hot if it fires more than some 370 times in 0.26 s while those 2 px away, to both sides in x or to both sides in
-/// y, are as good as silent: alone, or in a line, as where a column of the sensor is broken; of a whole such column or
-/// row, see HotLines, at once. It is so for a second from then on. A flickering lamp makes all pixels of an area fire,
-/// which are not hot.
+/// y, are as good as silent: it stands alone, or in a line of such pixels, as in a broken column (HotLines finds a
+/// whole broken column or row sooner, and all its pixels at once). It stays hot for a second. A flickering lamp makes
+/// all pixels of an area fire: these are not hot.
 class HotPixels {
  public:
   static constexpr std::size_t kEventsPerUpdate = 1024;  ///< most events between two calls of `update`

@@ -39,12 +39,13 @@ struct EventReaderOptions {
   bool shift_first_time_to_zero = false;
   /// Of a ROS recording, the topic whose events are read; empty for the only one that has events.
   std::string topic = {};
-  TextLayout text_layout = {};  ///< its unit of time, if set, is also that of HDF5, whatever that names
-  /// Must outlive the reader, which looks at it from another thread, too. Once it is true, the recording ends, also
-  /// while a pipe is silent; before its first byte with a RecordingError.
+  TextLayout text_layout = {};  ///< its unit of time, if set, also replaces the one that an HDF5 file states
+  /// Must outlive the reader, which also reads it on another thread. Once it is true, the recording ends, even while a
+  /// pipe is silent; if that is before its first byte, the constructor throws a RecordingError.
   const std::atomic<bool>* stop = nullptr;
 };
 
+/// A bag of ROS 2 is `mcap` or, as an SQLite file, `rosbag2`.
 enum class RecordingKind { raw, text, dat, aedat2, aedat3, aedat4, hdf5, mcap, rosbag, rosbag2 };
 
 constexpr const char* to_string(RecordingKind kind) noexcept {
@@ -130,6 +131,7 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   if (head.starts_with("\x89HDF\r\n\x1a\n")) return RecordingKind::hdf5;
   for (const auto& kind : detail::kUnsupportedKinds)
     if (head.starts_with(kind.magic)) throw detail::not_supported(path, kind.name);
+  // RAW and DAT both begin with lines "% ..."; RAW names its encoding, DAT a version.
   const bool prophesee = head.starts_with("% ");
   const bool names_encoding = head.find("% evt ") != head.npos || head.find("% format ") != head.npos;
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
@@ -144,7 +146,7 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
 }
 
 /// Reads recordings of every kind that `recognize_recording` supports, from files and, but for HDF5 and SQLite, from
-/// pipes and FIFOs; an `EventSource`.
+/// pipes and FIFOs; an `EventSource`. Of all readers of HDF5, one thread at a time may use one.
 class EventReader {
  public:
   using event_type = Event;
@@ -163,7 +165,7 @@ class EventReader {
   /// The next events in the order of the file, valid until the next call; none at the end.
   /// @throws RecordingError naming what cannot be read, once all events before it are delivered
   std::span<const Event> next_batch() { return reader_->next_batch(); }
-  /// Trigger events among the events of the last batch, or after the last event of the file; valid as long.
+  /// Trigger events among the events of the last batch, or after the last event of the file; valid like the batch.
   std::span<const TriggerEvent> triggers() const { return reader_->triggers(); }
   RecordingStatistics statistics() const { return reader_->statistics(); }
   std::uint64_t bytes_read() const { return reader_->bytes_read(); }

@@ -68,12 +68,13 @@ class Pipeline {
 
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
-  ~Pipeline() { halt(); }
+  ~Pipeline() { halt(); }  // where `halt` throws, in a callback or the detector, the program ends
 
   /// Queues events, which come in order of camera time. The events of one call stay together; calls of several threads
   /// are not merged by time. While the pipeline is stopped, all are dropped and counted. With the policy `block`, waits
   /// while the queue is full. In a callback it never waits, as only the tracking thread makes room: events for which
-  /// there is no room are dropped and counted. A detector must not push: tracking may be waiting for it; nor a filter.
+  /// there is no room are dropped and counted. Neither the detector, for which tracking may be waiting, nor the filter
+  /// may push.
   template <std::ranges::input_range Events>
   requires EventLike<std::ranges::range_value_t<Events>>
   void push(Events&& events) { shared_.intake.push(events); }
@@ -86,19 +87,20 @@ class Pipeline {
     push(std::span(&event, 1));
   }
 
-  /// Queues a trigger event, between the events pushed before and after it. The queue holds 4096 trigger events. When
-  /// it is full, more are dropped and counted; with the policy `block`, `push` waits instead, but not in a callback.
+  /// Queues a trigger event for PipelineSettings::on_trigger, between the events pushed before and after it. The queue
+  /// holds 4096 trigger events. When it is full, more are dropped and counted; with the policy `block`, `push` waits
+  /// instead, but not in a callback.
   void push(const TriggerEvent& trigger) { shared_.intake.push(trigger); }
 
   /// Starts again after `stop` or an error, with all counters at zero and without markers. Does nothing while the
   /// pipeline runs.
-  /// @throws std::logic_error when called from a callback
+  /// @throws std::logic_error when called from a callback or the detector
   /// @throws std::system_error if a thread cannot be started; then the pipeline is stopped
   void start() {
     refuse_in_callback("started");
     const std::lock_guard control(control_);
     if (shared_.published.running()) return;
-    halt();  // after an error, the tracking thread has ended but is still there
+    halt();  // after an error, the tracking thread has ended but still has to be joined
     for (LatencyHistogram* histogram : {&shared_.push_to_pose, &shared_.queue_wait, &shared_.detection})
       histogram->clear();
     shared_.stopping = started_ = false;
@@ -110,14 +112,15 @@ class Pipeline {
       halt();
       throw;
     }
-    started_.wait(false);  // for the thread to have set its priority, which the status tells
+    started_.wait(false);  // until the thread has set its priority, which `status` reports
   }
 
   /// Stops tracking, within 100 ms; if a callback or a detection is still running, when that has returned. Events still
   /// in the queue are dropped and counted; to have them tracked, call `flush` first.
-  /// @throws std::logic_error when called from a callback (a pipeline that is destroyed in one ends the program)
-  /// @throws the exception that ended the tracking, or else the first one that a callback or the detector threw, if
-  /// there was one since the start that no `stop` has thrown yet
+  /// @throws std::logic_error when called from a callback or the detector (a pipeline that is destroyed in one ends the
+  /// program)
+  /// @throws the exception that ended the tracking, else the first one since the start that a callback or the detector
+  /// threw; each only once
   void stop() {
     refuse_in_callback("stopped");
     const std::lock_guard control(control_);
@@ -127,7 +130,7 @@ class Pipeline {
 
   /// Waits until all that was pushed before this call has been tracked and delivered, or dropped, or the pipeline is
   /// stopped; not for what other threads push meanwhile, nor for a detection that is running.
-  /// @throws std::logic_error when called from a callback
+  /// @throws std::logic_error when called from a callback or the detector
   /// @throws the exception that ended the tracking, if one did
   void flush() const {
     refuse_in_callback("flushed");
@@ -196,7 +199,7 @@ class Pipeline {
   SharedWithTracking<Rule> shared_;
   std::atomic<bool> started_{false};
 
-  std::mutex control_;  // held by `start` and `stop`, guards thread_
+  std::mutex control_;  // held by `start` and `stop`, guards thread_ and loop_
   std::thread thread_;
   std::optional<TrackingLoop<Detector, Rule, Filter>> loop_;  // run by thread_
 };

@@ -21,15 +21,15 @@ struct EdgeGeometry {
   Vec3 gradient{};          ///< how E's image moves along `normal` with E: derivative by E [px/m]
 };
 
-/// @param line image of the edge, n m + c = 0, n toward larger grid coordinates, not of unit length
+/// @param line (n; c), the image of the edge: n m + c = 0, n toward larger grid coordinates, not of unit length
 /// @param signed_inverse_norm 1 / |n|, negative if the edge's dark side is that of smaller coordinates
-/// @param V,S the edge's line in space: V at coordinate 0, S the step to the next cell [m]
-/// @param begin,end of the edge, in steps S
+/// @param V,S the edge's line in space: V where the line begins, S the step along it to the next cell [m, camera frame]
+/// @param begin,end of the edge, in steps S from V
 /// @param m line of sight (m; 1)
 [[gnu::always_inline]] inline EdgeGeometry edge_geometry(Vec3 line, double signed_inverse_norm, Vec3 V, Vec3 S,
                                                          double begin, double end, Vec2 m,
                                                          double focal_length) noexcept {
-  // The points are made in their place: copied as a whole, they would wait for their parts to be stored.
+  // Built in place: a copy of the whole would have to wait until its parts, just written, are stored.
   EdgeGeometry geometry{.points = closest_points(V, S, begin, end, {m.x, m.y, 1})};
   const Vec3 unit = signed_inverse_norm * line, E = geometry.points.E;
   geometry.normal = {unit.x, unit.y};
@@ -42,17 +42,18 @@ struct EdgeGeometry {
 /// The line of a grid on which an edge lies, at the grid's present pose.
 struct EdgeLine {
   Vec3 image;  ///< n m + c = 0, n toward larger grid coordinates, not of unit length
-  Vec3 V, S;   ///< in space: V at coordinate 0, S the step to the next cell [m, camera frame]
+  Vec3 V, S;   ///< in space: V where the line begins, S the step along it to the next cell [m, camera frame]
 };
 
-/// @param along coordinate of the line, as in GridEdges
+/// @param coordinate of the line, as in GridEdges: the one that is constant on it
 /// @param k number of the line
-[[gnu::always_inline]] inline EdgeLine edge_line(const ProjectedGrid& grid, std::size_t along, double k) noexcept {
-  return {grid.row(along) - k * grid.row_w(), grid.corner() + k * grid.step(along), grid.step(1 - along)};
+[[gnu::always_inline]] inline EdgeLine edge_line(const ProjectedGrid& grid, std::size_t coordinate, double k) noexcept {
+  return {grid.row(coordinate) - k * grid.row_w(), grid.corner() + k * grid.step(coordinate),
+          grid.step(1 - coordinate)};
 }
 
-/// Sets the geometry of an event's correspondence; its `t` and `polarity` are the caller's. False, and `c` is void, if
-/// the edge points at the camera.
+/// Sets the geometry of an event's correspondence; its `t`, `polarity` and `contrast` are the caller's. False, and `c`
+/// is void, if the edge points at the camera.
 [[gnu::always_inline]] inline bool correspond(const ProjectedGrid& grid, const GridEdges::Stretch& edge, Vec2 m,
                                               double focal_length, Correspondence& c) noexcept {
   const auto [image, V, S] = edge_line(grid, static_cast<std::size_t>(edge.coordinate), edge.line);
@@ -74,7 +75,7 @@ struct EdgeLine {
 /// Up to eight events that were matched to edges of grids, one array for each component.
 struct GridMatches {
   alignas(64) simd::Lanes x{}, y{}, t{}, polarity{};  ///< line of sight (x, y; 1), time [us], 1 ON, -1 OFF, 0 unknown
-  alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< of the edge, as in GridEdges::Stretch
+  alignas(64) simd::Lanes coordinate{}, k{}, begin{}, end{}, dark{};  ///< as in GridEdges::Stretch; k is its `line`
   alignas(64) simd::Lanes contrast{1, 1, 1, 1, 1, 1, 1, 1};           ///< of the edge, as in Correspondence
   std::array<std::size_t, simd::kLanes> grid{};                       ///< number of the grid
   std::array<int, simd::kLanes> segment{};                            ///< as in Correspondence

@@ -88,7 +88,7 @@ class Pack {
   [[gnu::always_inline]] void add_product(const Pack& a, const Pack& b) noexcept {
     for (std::size_t i = 0; i < kParts; ++i) parts_[i] += a.parts_[i] * b.parts_[i];
   }
-  /// Adds a finite number to element i.
+  /// Adds a number to element i; it must be finite, as it is multiplied by 0 for the other elements.
   [[gnu::always_inline]] void add_at(std::size_t i, double number) noexcept {
     Part at{};
     at[i % kPerPart] = 1;
@@ -100,7 +100,7 @@ class Pack {
     Pack half;
     if constexpr (kParts % 2 == 0) {
       for (std::size_t i = 0; i < kParts / 2; ++i) half.parts_[i] = parts_[kParts / 2 + i];
-    } else {
+    } else {  // the half begins within a vector: twelve numbers in vectors of four
       static_assert(kParts == 3 && kPerPart == 4);
       half.parts_[0] = __builtin_shufflevector(parts_[1], parts_[2], 2, 3, 4, 5);
       half.parts_[1] = __builtin_shufflevector(parts_[2], Part{}, 2, 3, 4, 5);

@@ -8,7 +8,7 @@
 
 namespace evmarker {
 
-/// Estimates whether the events that match a wireframe's edges come from moving edges or from background. At rest all
+/// Estimates how surely the events that match a wireframe's edges come from moving edges, not background. At rest all
 /// events near the wireframe are background: they lie on its edges by chance, and beside them just as densely. While it
 /// moves, few events lie beside the edges; many do so only for a moment, when it moves faster than the pose follows.
 class BackgroundShare {
@@ -21,7 +21,10 @@ class BackgroundShare {
   /// @param others events that matched no edge
   /// @return true if there were enough events to compute `signal()` anew
   bool add(int matched, int others, Timestamp t) noexcept {
-    if (!std::exchange(begun_, true)) t_us_ = static_cast<double>(t);
+    if (!std::exchange(begun_, true)) {  // since when these events came is not known
+      t_us_ = static_cast<double>(t);
+      return false;
+    }
     matched_ += matched;
     others_ += others;
     if (matched_ < kTogether) return false;
@@ -29,13 +32,14 @@ class BackgroundShare {
     t_us_ = now_us;
     // Background is limited to twice its usual rate: more events beside the edges have another cause.
     const double background = matching_to_others_ * std::min(1.0 * others_, 2 * others_per_us_ * dt_us);
-    // Not the usual rate: a fast marker makes many events beside its edges, and a slow one none of these.
+    // By the events of this interval. The usual rate is too high for a slow marker that was fast before: then it made
+    // many events beside its edges itself.
     matching_per_us_ = background / dt_us;
     others_per_us_ += dt_us / (dt_us + known_us_) * (others_ / dt_us - others_per_us_);
     known_us_ = std::min(known_us_ + dt_us, kMemory_us);
     const Excess now{1.0 * matched_, matched_ - background, background * (1 + matching_to_others_)};
     // Slow motion is not significant in so few events, but in the sum over all since the last fast motion.
-    lately_ = now.signal() < 0.5 ? lately_.faded_by(now) : Excess();
+    lately_ = now.signal() < 0.5 ? lately_.faded_plus(now) : Excess();
     signal_ = std::max(now.signal(), lately_.signal());
     matched_ = others_ = 0;
     return true;
@@ -44,25 +48,26 @@ class BackgroundShare {
   /// Weight of the matched events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.
   double signal() const noexcept { return signal_; }
 
-  /// Background events that match edges, as of the last judgement [1/s].
+  /// Background events that match edges, when `signal()` was last computed [1/s].
   double matching_per_s() const noexcept { return 1e6 * matching_per_us_; }
 
  private:
-  // By how many the events on the edges exceed the background expected there, and the variance of that number.
+  // Matched events, their excess over the background expected on the edges, and the variance of that excess: of a
+  // background of B events B itself, and r B as it is estimated by B / r others, r = matching_to_others_.
   struct Excess {
-    double matched = 0, events = 0, variance = 0;
+    double matched = 0, excess = 0, variance = 0;
     double signal() const noexcept {
-      return matched > 0 ? std::clamp(2 * (events - kSurely * std::sqrt(variance)) / matched, 0.0, 1.0) : 0;
+      return matched > 0 ? std::clamp(2 * (excess - kSurely * std::sqrt(variance)) / matched, 0.0, 1.0) : 0;
     }
-    Excess faded_by(const Excess& now) const noexcept {
-      return {kKept * matched + now.matched, kKept * events + now.events, kKept * variance + now.variance};
+    Excess faded_plus(const Excess& now) const noexcept {
+      return {kKept * matched + now.matched, kKept * excess + now.excess, kKept * variance + now.variance};
     }
   };
 
   static constexpr int kTogether = 64;          // matched events for which `signal()` is computed anew
   static constexpr double kKept = 15.0 / 16;    // of the sums, at each time
   static constexpr double kMemory_us = 500000;  // of the usual rate
-  static constexpr double kLeast = 0.05;        // share of the background that matches no edge
+  static constexpr double kLeast = 0.05;        // least share of the background that is taken to match no edge
   static constexpr double kSurely = 2.5;        // standard deviations
 
   double matching_to_others_ = 0.5;  // of the background: events that match edges per event that does not

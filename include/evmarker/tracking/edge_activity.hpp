@@ -18,8 +18,8 @@
 namespace evmarker {
 
 /// Compares each edge's events with that edge's own history. The number of an edge's events is the area that it sweeps
-/// in the image, times a rate of its own: rates of printed edges differ by their contrast, those of a body's edges by a
-/// factor of forty. An edge that makes hardly any of the events that it used to make is hidden, or is not there, and
+/// in the image, times a rate of its own: rates of printed edges differ by their contrast, those of a body's edges by
+/// up to forty times. An edge that makes hardly any of the events that it used to make is hidden, or is not there, and
 /// the wireframe follows something else.
 class EdgeActivity {
  public:
@@ -57,9 +57,9 @@ class EdgeActivity {
   /// True once there are enough events for `evaluate`, which costs as much as some hundred events.
   bool due() const noexcept { return total_ >= events_to_evaluate_; }
 
-  /// Evaluates the events since the last evaluation, and begins a new interval. Returns nothing before the wireframe
-  /// has moved by about a pixel; events then keep counting, but those of a rest are forgotten. Measures the contrasts
-  /// of the edges, too.
+  /// Evaluates the events since the last evaluation, and begins a new interval. Returns nothing until the wireframe has
+  /// moved by about a pixel; until then events add up, except that those of a rest are forgotten. Measures the edges'
+  /// contrasts, too.
   /// @param middle_events of each segment, events in its middle half until now, modulo 2^32
   std::optional<Interval> evaluate(const MarkerModel& model, const Eigen::Isometry3d& T_camera_marker, Timestamp t,
                                    std::span<const std::uint32_t> middle_events) noexcept {
@@ -136,7 +136,8 @@ class EdgeActivity {
 
   // Sums over all edges, and adds their events to their histories.
   Interval judge_motion(double swept_px2) noexcept {
-    // Each edge's events, times the share that they are of those expected, at most 1.
+    // All events, and the part that confirms the motion: each edge's events, times the share that they are of those
+    // expected, at most 1.
     double all = 0, confirming = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       if (!in_sight(i)) continue;
@@ -168,13 +169,13 @@ class EdgeActivity {
     return interval;
   }
 
-  // Log likelihood ratio of one edge's events, Poisson distributed, if half of the edges are hidden against if none is:
-  // the edge is then hidden with even odds. The events of one pixel in one passage of the edge come together, so that
-  // passed pixels are counted, not events.
+  // Log likelihood ratio of an edge, if half of the edges are hidden, so that it is with even odds, against if none is.
+  // The events of one pixel in one passage come together, so that passed pixels are counted, Poisson distributed:
+  // `swept` - `jitter` are expected at least of an edge in sight, kHidden times as many of a hidden one.
   double evidence_of_edge(std::size_t i, double swept, double jitter) const noexcept {
     const double passed = counts_[i].events / rate(i);
-    const double hidden = (1 - kHidden) * (swept - jitter) + std::log(kHidden) * passed;
-    return std::log(0.5 + 0.5 * std::exp(std::clamp(hidden, -kMost, kMost)));
+    const double log_ratio_if_hidden = (1 - kHidden) * (swept - jitter) + std::log(kHidden) * passed;
+    return std::log(0.5 + 0.5 * std::exp(std::clamp(log_ratio_if_hidden, -kMost, kMost)));
   }
 
   // True if all of an edge moved to one side, which an edge that turns about its middle does not, and to the same as in
@@ -188,6 +189,7 @@ class EdgeActivity {
   // to and fro, and half of those beyond come from the way back.
   double contradicting(std::size_t i) const noexcept {
     const double events = counts_[i].events, expected = rate(i) * swept(i);
+    // Of a Poisson distributed number of passages with Poisson distributed numbers of events, mean_rate_ on average.
     const double deviation = std::sqrt((1 + mean_rate_) * expected);
     const double on_way_back = events > expected + 2 * deviation ? (events - expected) / 2 : 0;
     const bool toward_dark = swept_to_right(i) * end_[i].dark > 0;
@@ -262,7 +264,7 @@ class EdgeActivity {
   double focal_length_;
   int events_to_evaluate_;     // from one evaluation to the next
   bool printed_ = true;        // all dark sides are known: all edges have about one contrast
-  std::vector<Count> counts_;  // of every segment, since the last evaluation
+  std::vector<Count> counts_;  // of every segment, in this interval
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
   EdgeContrasts contrasts_;
@@ -270,7 +272,7 @@ class EdgeActivity {
   std::vector<Edge> begin_, end_;     // the edges at the begin and the end of the interval; none before the first
   Timestamp begin_t_ = 0;
   double mean_rate_ = 0;  // events per swept area [1/px^2], 0 before the first evaluation
-  int total_ = 0;         // events since `due()` was last reset
+  int total_ = 0;         // events since the last call of `evaluate` or `restart`
 };
 
 }  // namespace evmarker

@@ -93,9 +93,9 @@ class EdgeFollower {
     return collect_while_chosen(grid, events, first, end, collect_chosen, after);
   }
 
-  /// Sets how many events a pixel makes while an edge passes over it: for the rule's trail and, with a rule that
-  /// estimates it, for `events_per_update` and the bound of the motion. The first call then also corrects the rule's
-  /// state and so the pose. To be called directly after an update, while nothing has been collected.
+  /// Sets how many events a pixel makes while an edge passes over it. A SensorEstimatingRule bounds the motion by it,
+  /// `events_per_update` follows it, and the first call measures the trail, which corrects state and pose; of a
+  /// TrailTakingRule it only sets the trail. To be called directly after an update, while nothing has been collected.
   void set_events_per_passage(double events) noexcept {
     if constexpr (SensorEstimatingRule<Rule>) {
       const bool known = std::exchange(events_per_passage_, events) > 0;
@@ -122,7 +122,7 @@ class EdgeFollower {
   /// Matched events that the next update still needs.
   std::size_t until_update() const noexcept { return static_cast<std::size_t>(interval_.events() - matched_); }
 
-  /// Goes on from another pose; the rule keeps its state.
+  /// Goes on from another pose; the rule keeps its state and must hold no events since its last update.
   void start_from(const Eigen::Isometry3d& T_camera_marker) noexcept {
     T_camera_marker_ = T_camera_marker;
     in_front_ = matcher_.project(T_camera_marker_);
@@ -138,7 +138,7 @@ class EdgeFollower {
     start_from(T_camera_marker_);
   }
 
-  /// Goes over to the mirrored pose, at which a flat wireframe looks nearly the same, and to the motion that does.
+  /// Goes over to the mirrored pose and motion, at which a flat wireframe looks nearly the same.
   void mirror(const ModelPlane& plane) noexcept requires MirrorableRule<Rule> {
     rule_.transform(mirrored_motion(T_camera_marker_, plane));
     start_from(mirrored(T_camera_marker_, plane));
@@ -176,18 +176,18 @@ class EdgeFollower {
   int skipped_updates() const noexcept { return skipped_updates_; }
 
  private:
-  static constexpr int kFewestForBatch = 4;
+  static constexpr int kFewestForBatch = 4;  // events per update: fewer fill too few of the lanes
   // The pose at which the edge of an event is chosen is renewed when a corner has moved farther than this [px]. Without
   // a motion model the pose moves to and fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
-  // Widens the matching distance by how far slow pixels spread the events of moving edges, but not across a cell.
+  // Widens the matching distance by three times the spread that slow pixels give to moving edges, to 0.3 cells at most.
   void adapt_to_spread() noexcept {
     if constexpr (SmearEstimatingRule<Rule>) {
       constexpr double kSmears = 3, kMostCells = 0.3;
       const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
       const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));
-      if (std::abs(distance - matcher_.max_distance_px()) > matcher_.max_distance_px() / 16)
+      if (std::abs(distance - matcher_.max_distance_px()) > matcher_.max_distance_px() / 16)  // not every small change
         matcher_.set_max_distance_px(distance);
       rule_.set_max_distance_px(matcher_.max_distance_px());
     }
@@ -348,7 +348,7 @@ class EdgeFollower {
 
   double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }
 
-  // Counts an event in an edge's middle half, where from_end_px2 is infinite: for rules with an edge offset.
+  // Counts an event in an edge's middle half, where from_end_px2 is infinite. Not for rules without a motion model.
   [[gnu::always_inline]] void count_in_middle(int segment, double from_end_px2) noexcept {
     if constexpr (MotionEstimatingRule<Rule>)
       middle_events_[static_cast<std::size_t>(segment)] += from_end_px2 > std::numeric_limits<double>::max();

@@ -56,6 +56,7 @@ class MarkerTracker {
         t_(t) {
     validate(settings);
     pose_.id = id;
+    pose_.quality.updated_t = t;
     if (settings.start_search) {
       const Box image{lines_of_sight_.focal_length() * lines_of_sight_.image().low,
                       lines_of_sight_.focal_length() * lines_of_sight_.image().high};
@@ -80,8 +81,8 @@ class MarkerTracker {
   /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are the same as with single
   /// events, but take less time. After a start search past events are replayed, several with each new one: only their
   /// last pose is used.
-  template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
-  requires EventLike<std::ranges::range_value_t<Events>>
+  template <std::ranges::input_range Events, typename Use>
+  requires EventLike<std::ranges::range_value_t<Events>> && std::invocable<const Use&, const PoseEstimate&>
   void push(Events&& events, const Use& use) noexcept(
       std::ranges::contiguous_range<Events>&& noexcept(use(std::declval<const PoseEstimate&>()))) {
     for_each_block(events, [&](std::span<const Event> block) {
@@ -117,8 +118,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing length of the gap alone. It is added to the time of the last event on or near the marker: between
-  /// that and the gap there were none, so that the marker did not move
+  /// @param missing length of the gap alone. It is added to the time of the last event on or near the marker: without
+  /// such events until the gap, the marker did not move
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (progress_.lost() || missing <= kHarmlessGap) return nullptr;
@@ -165,7 +166,7 @@ class MarkerTracker {
 
   /// Keeps the state `converging` while the caller has another pose that may be the right one.
   void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
-  /// See EdgeFollower::squared_residual_px2.
+  /// See EdgeFollower::squared_residual_px2; 0 for an event off the sensor.
   double squared_residual_px2(const Event& event) const noexcept {
     return lines_of_sight_.sensor_size().contains(event.x, event.y)
                ? follower_.squared_residual_px2(lines_of_sight_(event), polarity(event))
@@ -195,6 +196,7 @@ class MarkerTracker {
   const StartPoseSearch* start_search() const noexcept { return start_search_ ? &*start_search_ : nullptr; }
 
   MarkerId id() const noexcept { return pose_.id; }
+  /// Where the events show the marker: late by the rule's delay, which `estimate` makes up for.
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return follower_.T_camera_marker(); }
   /// As in the poses: `tracking` becomes `converging` while more evidence speaks against the pose than for it, while
   /// events come so late that they lie anywhere near the edges, or while a flat marker may as well be tilted to the
@@ -282,7 +284,7 @@ class MarkerTracker {
     if (!ambiguous_ && tilt_.judge(follower_)) {
       verification_.restart(follower_);
       health_.restart_edges();
-      // It was copied when the comparison began, maybe before the marker was confirmed.
+      // The follower is now the copy made when the comparison began, maybe before the marker was confirmed.
       if (progress_.tracking()) follower_.enable_rest_detection();
     }
     if (progress_.converging()) converge();

@@ -11,7 +11,7 @@ namespace evmarker {
 class PolarityEvidence {
  public:
   /// Judges the events of an interval. Returns the logarithm of how much likelier they are at a wrong pose than at the
-  /// right one; 0 for the first ones, which tell how many contradict by noise or flicker.
+  /// right one; 0 in the first interval, which tells how many contradict by noise or flicker.
   /// @param events of edges that moved
   /// @param contradicting how many of them have the wrong polarity
   /// @param events_per_passage of one pixel, which come together and are one piece of evidence
@@ -31,8 +31,7 @@ class PolarityEvidence {
   }
 
  private:
-  static constexpr double kFromOtherEdges =
-      0.2;  // least share of the events that come from other edges at a wrong pose
+  static constexpr double kFromOtherEdges = 0.2;      // least share of other edges' events at a wrong pose
   static constexpr double kContradictByChance = 0.5;  // share of those that contradict
   static constexpr double kLeastUsual = 0.01;
   static constexpr double kMemory = 50000;  // of usual_share_ [events]

@@ -15,7 +15,7 @@ namespace evmarker {
 /// From afar, a flat marker looks nearly alike at two poses, tilted to one side of the line of sight or as much to the
 /// other, see `mirrored`. While it nearly faces the camera it makes few events, and a tracker cannot tell whether it
 /// goes on turning, to the other side, or turns back. From the moment it turns away again, both poses are followed
-/// until the events have decided; the covariance has both meanwhile. It needs a MirrorableRule: with others it does
+/// until the events have decided; meanwhile the covariance covers both. Needs a MirrorableRule: with others it does
 /// nothing.
 template <PoseUpdateRule Rule>
 class TiltCheck {
@@ -110,13 +110,13 @@ class TiltCheck {
     return follower.matcher().focal_length() * plane_->size / norm(seen.centre);
   }
 
-  // A smaller tilt may be of either side: it shortens the marker by less than half a pixel, 1 - cos(tilt) = tilt^2 / 2,
-  // or by as much as may be wrong.
+  // The side of a smaller tilt is not sure: a tilt below sqrt(1 / size) shortens the marker by less than half a pixel,
+  // as 1 - cos(tilt) = tilt^2 / 2, and the estimated tilt may itself be wrong by kSigmas.
   double unsure_below(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
     return std::sqrt(1 / size_px(follower, seen)) + kSigmas * tilt_deviation(follower, seen);
   }
 
-  // What was decided about a smaller marker may have been wrong.
+  // What was decided while the marker was smaller in the image may have been wrong.
   void ask_again(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
     const bool first = asked_px_ == 0;
     asked_px_ = size_px(follower, seen);
@@ -152,7 +152,8 @@ class TiltCheck {
     return false;
   }
 
-  // Measures the angle between both poses, and tells the follower of the other.
+  // Measures the angle between both poses, and tells the follower of the other one, times the square root of its
+  // probability p: the covariance then has p d d^T of it, see MirrorableRule.
   void tell(EdgeFollower<Rule>& follower) noexcept {
     if constexpr (MirrorableRule<Rule>) {
       const Vec6 to_other = Vec6(pose_difference(follower.T_camera_marker(), other_->T_camera_marker()));

@@ -13,9 +13,9 @@
 namespace evmarker {
 
 /// Tracks every marker that the detector finds. Runs on one thread and is deterministic: the same events give the same
-/// poses, bit for bit, however they are batched; but for rounding where GCC fuses operations, see README.md, rounding.
-/// Between detections nothing throws or allocates. What the detector throws leaves `push`; TrackerStatistics::events
-/// says how many events were taken before.
+/// poses, bit for bit, however they are batched (but see README.md, rounding). Between detections it throws and
+/// allocates no more than TrackerCore does. `push` throws what the detector throws; TrackerStatistics::events then says
+/// how many events had been taken.
 template <MarkerDetector Detector, PoseUpdateRule Rule = KalmanUpdate, EventFilter Filter = SpatiotemporalFilter>
 class Tracker {
  public:
@@ -43,15 +43,15 @@ class Tracker {
 
   /// Takes events and calls `use(pose)` with each pose that they lead to, valid during the call. The poses are the same
   /// as with single events, and in the same order, but take less time.
-  template <std::ranges::input_range Events, std::invocable<const PoseEstimate&> Use>
-  requires EventLike<std::ranges::range_value_t<Events>>
+  template <std::ranges::input_range Events, typename Use>
+  requires EventLike<std::ranges::range_value_t<Events>> && std::invocable<const Use&, const PoseEstimate&>
   void push(Events&& events, const Use& use) {
     for_each_block(events, [&](std::span<const Event> block) { track(block, use); });
   }
 
   const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
   const PolarityFrame& polarity_frame() const noexcept { return core_.polarity_frame(); }
-  /// The `MarkerTracker` of every marker that is being tracked.
+  /// The `MarkerTracker` of every marker that is being tracked. Range and trackers are valid until the next push.
   MarkerRange<Rule> markers() const noexcept { return core_.markers(); }
 
  private:

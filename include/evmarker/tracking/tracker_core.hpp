@@ -17,6 +17,7 @@
 #include "evmarker/events/polarity_frame.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/events/time_guard.hpp"
+#include "evmarker/matching/event_group.hpp"
 #include "evmarker/model/undistortion_table.hpp"
 #include "evmarker/tracking/confirmed_markers.hpp"
 #include "evmarker/tracking/detection_schedule.hpp"
@@ -37,7 +38,7 @@ namespace evmarker {
 ///
 /// The polarity frame, the detector, the history and with it tentative markers get only events that pass the noise
 /// filter. Confirmed markers get all events: on the few pixels along their edges most events are real, and the filter
-/// would remove the first ones of a slow edge. Nothing gets those of hot pixels, see HotPixels.
+/// would remove the first ones of a slow edge. Events of hot pixels reach none of these, see HotPixels.
 ///
 /// An event whose time is suspect waits for the next one, and is discarded if its time was wrong, see TimeGuard. A time
 /// in which even the noise stops, see NoiseFloor, counts as a gap in which events were lost, like one that `skip_to`
@@ -50,7 +51,7 @@ class TrackerCore {
   /// @throws std::invalid_argument naming the setting that is out of range
   template <CameraModel Camera>
   TrackerCore(const Camera& camera, const Settings& settings, Filter filter)
-      : settings_(settings),
+      : settings_((validate(settings), settings)),
         lines_of_sight_(camera),
         events_(camera.sensor_size(), std::move(filter), settings.history_events),
         schedule_(settings),
@@ -60,7 +61,6 @@ class TrackerCore {
         // A pose for each of the at most kBetweenChecks events of `push_many`, and one for each marker that is lost or
         // announced. It grows only if nearly every event updates several overlapping markers.
         poses_(settings.max_markers + kBetweenChecks) {
-    validate(settings);
     settings_.marker.start_search.reset();  // a detection has been fitted to the edges already
   }
 
@@ -73,7 +73,7 @@ class TrackerCore {
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
-    // One by one while tentative markers catch up, by a little with every event, or where a time is to be judged.
+    // One by one while tentative markers catch up, some past events with each new one, or where a time is to be judged.
     const bool single = events.size() == 1 || !tentative_.empty() || !guard_.passes(events.front().t);
     const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
     deliver(use);
@@ -133,7 +133,7 @@ class TrackerCore {
   /// True once `detection_latency` has passed since the request.
   bool result_due(Timestamp t) const noexcept { return schedule_.result_due(t); }
   bool result_pending() const noexcept { return schedule_.running(); }
-  /// There will be no result.
+  /// Says that the pending result will not come.
   void cancel_detection() noexcept { schedule_.end(); }
 
   /// Takes the result of the pending detection: announces the markers that were seen often enough, and starts a tracker
@@ -149,14 +149,14 @@ class TrackerCore {
     tentative_.remove_hopeless();
     // After a gap in the events since the frame, what it showed cannot be followed to the present, see skip_to.
     const bool followable = result.events_in_frame > followable_from_;
-    for (const DetectionResult::Marker& found : result.markers) {
-      if (!followable) break;
-      drop_contradicted(found);
-      if (has_tracker(found.detection.id)) continue;
-      if (confirmed_.size() + tentative_.size() == settings_.max_markers) continue;
-      tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, found.model, found.detection, settings_.marker),
-                      result.events_in_frame, events_.history()});
-    }
+    if (followable)
+      for (const DetectionResult::Marker& found : result.markers) {
+        drop_contradicted(found);
+        if (has_tracker(found.detection.id)) continue;
+        if (confirmed_.size() + tentative_.size() == settings_.max_markers) continue;
+        tentative_.add({PlanarHypotheses<Rule>(lines_of_sight_, found.model, found.detection, settings_.marker),
+                        result.events_in_frame, events_.history()});
+      }
     announce_confirmed();  // those just added, if one detection is enough
     move_lost_to_missing();
     search_often_ = searching();
@@ -168,13 +168,13 @@ class TrackerCore {
   const PolarityFrame& polarity_frame() const noexcept { return events_.frame(); }
   /// Time of the last event whose time was right, see TimeGuard [us]; the least Timestamp before the first.
   Timestamp last_t() const noexcept { return last_t_; }
-  /// The `MarkerTracker` of every confirmed marker.
+  /// The `MarkerTracker` of every confirmed marker, valid until the next call that is not const.
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
   // A longer gap counts as this long: nothing is bridged either way.
   static constexpr std::uint64_t kLongestGap_us = 1000000000;
-  static constexpr std::size_t kTogether = 64;  // events for each marker in a batch: as many as are matched together
+  static constexpr std::size_t kTogether = EventGroup::kMost;  // events for each marker in a batch: matched together
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
@@ -376,7 +376,7 @@ class TrackerCore {
   MissingMarkers<Rule> missing_;
   PoseOutbox poses_;
   std::vector<PlacedMarker> at_request_;  // the markers, where they were at the last request to the detector
-  bool search_often_ = true;              // `searching()` as of the last check
+  bool search_often_ = true;              // `searching()` as of the last check, gap or result
   Timestamp last_t_ = std::numeric_limits<Timestamp>::min();
   std::uint64_t followable_from_ = 0;  // EventHistory::pushed() at the last gap: since then, none are missing
   TrackerStatistics statistics_;

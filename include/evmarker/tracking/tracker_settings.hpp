@@ -43,6 +43,7 @@ void validate(const TrackerSettings<Rule>& settings) {
   require(settings.detection_latency.count() >= 0, "detection_latency [us]", settings.detection_latency.count());
   require(settings.detections_to_confirm > 0, "detections_to_confirm", settings.detections_to_confirm);
   require(settings.max_markers > 0, "max_markers", settings.max_markers);
+  require(settings.history_events > 0, "history_events", settings.history_events);
   validate(settings.marker);  // here, and not when the first marker is found
 }
 

@@ -24,7 +24,7 @@ struct VerificationSettings {
   /// epsilon_R; automatic: the paper's 0.15 rad or, if larger, three times (one per axis) max_translation_px / s, the
   /// angle at which opposite sides of a marker of s pixels move by max_translation_px against each other.
   double max_rotation_rad = kAutomatic;
-  std::size_t min_events = 1000;      ///< in a window, at least: backtracking over fewer is mostly noise
+  std::size_t min_events = 1000;      ///< in a window, unless brief: backtracking over fewer is mostly noise
   std::size_t max_events = 1u << 15;  ///< kept of a window; one that nearly fills this begins its way back early
 };
 
@@ -47,8 +47,8 @@ struct BacktrackError {
   double translation_px = 0;  ///< Eq. (13): |x - x'| + |y - y'| of the marker's projected origin, undistorted pixels
   double rotation_rad = 0;    ///< Eq. (14): sum of the absolute roll, pitch, yaw differences
   double angle_rad = 0;       ///< the geodesic angle between the two rotations
-  /// By the rule's own covariance: standard deviations, summed over the axes as in Eqs. (13), (14), of both poses
-  /// together (root of the sum of squares). Zero where the rule has none.
+  /// Standard deviations by the rule's covariance, summed over the axes as in Eq. (13) or (14), then over both poses as
+  /// root of the sum of squares. Zero where the rule has no covariance.
   double expected_px = 0;
   double expected_rad = 0;
 };
@@ -136,8 +136,8 @@ class Verification {
 
  private:
   static constexpr double kPapersRotation_rad = 0.15;
-  static constexpr double kMaxSigmas = 6;       // a right pose may come back off by so many standard deviations
-  static constexpr std::size_t kStepsBack = 2;  // for each new event: done after half as many as the window had
+  static constexpr double kMaxSigmas = 6;       // by how many standard deviations a right pose may come back off
+  static constexpr std::size_t kStepsBack = 2;  // for each new event: the way back takes half as many as the window had
   static constexpr int kWait = 16;  // events after which the steps for all of them are made at once, which costs less
 
   [[gnu::noinline]] const BacktrackError* push_in_window(const Event& event, bool updated,
@@ -229,8 +229,8 @@ class Verification {
   struct ExpectedError {
     double px = 0, rad = 0;
   };
-  // Far away, the tilt of a small marker is less certain than the threshold, and so is the place just after a
-  // standstill, over which the filter has predicted.
+  // It may exceed the thresholds: for the tilt of a small marker far away, and for the place just after a standstill,
+  // over which the filter has predicted.
   static ExpectedError expected_error(const EdgeFollower<Rule>& follower) noexcept {
     ExpectedError error;
     if constexpr (MotionEstimatingRule<Rule>) {

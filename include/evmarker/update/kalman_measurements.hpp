@@ -10,7 +10,7 @@
 
 namespace evmarker {
 
-/// The row [J; d] of a measurement d = J [pose; b].
+/// The row [J; d] of a measurement d = J [pose; b], b the biases.
 using MeasurementRow = std::array<double, MeasurementRows::kNumbers>;
 
 /// Collects scalar measurements d = J [pose; b] of an error state, and corrects the state by all of them.
@@ -25,7 +25,7 @@ class KalmanMeasurements {
     ++count_;
   }
 
-  /// Adds the measurements in the first `count` lanes.
+  /// Adds the measurements in the first `count` lanes, which must be finite; the other lanes are ignored.
   [[gnu::always_inline]] void add(const std::array<simd::Lanes, MeasurementRows::kNumbers>& rows,
                                   const simd::Lanes& weights, std::size_t count) noexcept {
     if (waiting_ + simd::kLanes > kMost) add_squares();
@@ -73,7 +73,9 @@ class KalmanMeasurements {
  private:
   static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
                                kStates = MeasurementRows::kStates;
-  static constexpr int kFew = 12;             // measurements; by timing, more are faster condensed
+  static constexpr int kFew = 12;  // measurements; by timing, more are faster condensed
+  // As many are still waiting: where some have been added to the squares, there are more.
+  static_assert(kMost - simd::kLanes >= static_cast<std::size_t>(kFew));
   static constexpr double kRounding = 1e-14;  // relative error that rounding may leave of a sum of squares
 
   // Applies `kCount` measurements together; if that fails, one by one, without those that fail again. Returns false if
@@ -135,7 +137,7 @@ class KalmanMeasurements {
 #pragma GCC unroll 9
       for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = simd::sum(squares_[place++]);
 #pragma GCC unroll 9
-    for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];
+    for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];  // at first, what rounding may leave of S
 #pragma GCC unroll 9
     for (std::size_t k = 0; k < kStates; ++k) {
       const bool observed = S[k][k] > D[k];

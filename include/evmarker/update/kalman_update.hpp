@@ -23,8 +23,8 @@
 namespace evmarker {
 
 /// Error-state Kalman filter over [translation, rotation, velocity, angular velocity, edge offset, trail]: KalmanState
-/// is predicted by AdaptiveMotion and corrected by what each event measures, see MeasurementModel. What events do not
-/// average out is measured beside it, see SystematicErrors.
+/// is predicted by AdaptiveMotion and corrected by what each event measures, see MeasurementModel. Errors that do not
+/// average out over events are measured beside it, see SystematicErrors.
 class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
@@ -54,18 +54,18 @@ class KalmanUpdate {
     // none of its own: |lever x gradient| is at most |lever| |gradient|.
     if (!(of_event.residual2 * (of_event.lever2 * of_event.gradient2) < kInfinity)) return;
     measurements_.add(of_event.row, of_event.weight);
-    errors_.add(c.segment, of_event.row[kResidual], of_event.weight);
+    if (!at_rest()) errors_.add(c.segment, of_event.row[kResidual], of_event.weight);
     polarities_.add(of_event.toward_dark_px_per_s, c.dark_side_known ? c.polarity : 0);
     if (++single_events_ % kSampleEvery == 0) sample(of_event.row, of_event.weight, c.polarity);
     statistics_.add({of_event.residual2, of_event.lever2, of_event.gradient2, us_since_update(c.t)});
   }
 
-  /// Batch version.
+  /// Adds the measurements of a batch, or none of them if one is not finite.
   [[gnu::always_inline]] void add(const Correspondences& c, const Eigen::Isometry3d& T_camera_marker) noexcept {
     const Vec3 T = translation(T_camera_marker);
     const double t_us = t_us_;
     const MeasurementModel model = model_;
-    constexpr double kDarkSideKnown = 1;  // of every edge of a grid
+    constexpr double kDarkSideKnown = 1;  // batches come from grids, which know it of every edge
     alignas(64) std::array<simd::Lanes, MeasurementRows::kNumbers> rows;
     alignas(64) simd::Lanes weights, residual2, lever2, gradient2, since, finite_check, toward_dark;
     for (std::size_t i = 0; i < simd::kLanes; ++i) {
@@ -83,9 +83,10 @@ class KalmanUpdate {
 #pragma GCC unroll 9
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
-    if (!(simd::sum(finite_check) < kInfinity)) return;  // all of them: one would never leave the running means
+    if (!(simd::sum(finite_check) < kInfinity)) return;  // none is added: one would never leave the running means
     measurements_.add(rows, weights, c.count);
-    for (std::size_t i = 0; i < c.count; ++i) errors_.add(c.segment[i], rows[kResidual][i], weights[i]);
+    if (!at_rest())
+      for (std::size_t i = 0; i < c.count; ++i) errors_.add(c.segment[i], rows[kResidual][i], weights[i]);
     polarities_.add(toward_dark, c.polarity, c.is_event);
     MeasurementRow sampled;
     for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) sampled[k] = rows[k][0];
@@ -97,7 +98,7 @@ class KalmanUpdate {
   /// the last event.
   [[gnu::noinline]] bool update(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     // At rest t_us_ stays, so that the first update after it predicts over the whole standstill.
-    if (signal_weight_ == 0) {
+    if (at_rest()) {
       forget_events();
       return true;
     }
@@ -134,9 +135,9 @@ class KalmanUpdate {
     return good;
   }
 
-  /// @param weight of the matched events' information, as the events beside the edges tell it: 1 if at least half of
-  /// the matched ones are surely of moving edges, 0 at rest. It is more if the polarities of the matched events since
-  /// the last call show more: a small marker that moves fast makes many events beside its edges itself.
+  /// @param weight of the matched events' information, by the events beside the edges: 1 if at least half of those
+  /// matched surely come from moving edges, 0 at rest. Raised if the polarities of the events matched since the last
+  /// call show more motion: a small, fast marker makes many events beside its edges itself.
   /// @param noise_per_s noise events that match edges
   void set_signal_weight(double weight, double noise_per_s) noexcept {
     signal_weight_ = std::max(weight, std::min(1.0, 2 * polarities_.least_moving_share()));
@@ -163,10 +164,10 @@ class KalmanUpdate {
     row[6 + kTrail] = 1;
     row[kResidual] = trail_px - model_.bias_px[kTrail];
     measurements_.add(row, 1);
-    errors_.forget_delay();  // the first events were those of a start that was off
+    errors_.forget_delay();  // it was measured while the start pose was still off
     ErrorState error;
     if (measurements_.correct(state_.P, error, 1 / squared(sigma_px))) correct_biases(error);
-    // The error is that at the state's own time; from there to the pose, the velocity's correction moves it, too.
+    // The error is that at the state's own time; the velocity's correction also moves the pose, over the lead.
     const Vec6 of_lead = motion_.moved(error.velocity(), state_.lead.s);
     perturb(T_camera_marker, error.pose() + of_lead);
     state_.lead.motion = state_.lead.motion + of_lead;
@@ -185,7 +186,7 @@ class KalmanUpdate {
   /// the pose and its covariance hold until then. Only for copies that predict a pose, and after a gap: at rest it
   /// moves the rule's time on, so that its next `update` no longer predicts over the standstill before.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
-    if (signal_weight_ == 0) {
+    if (at_rest()) {
       forget_events();
       t_us_ = std::max(t_us_, static_cast<double>(t));
       return;
@@ -226,7 +227,7 @@ class KalmanUpdate {
     using Column = simd::Pack<6, 128>;
     Matrix6d P;
     for (Eigen::Index k = 0; k < 6; ++k) Column(&state_.P.xx(0, k)).store(&P(0, k));
-    if (const double lead_s = state_.lead.s; lead_s != 0) {
+    if (const double lead_s = state_.lead.s; lead_s != 0) {  // from the state's own time to the pose's
       const auto [motion, q] = motion_.step(lead_s, state_.twist, statistics_);
       state_.add_motion(P, motion, q);
     }
@@ -245,7 +246,7 @@ class KalmanUpdate {
     return P;
   }
   Vector6d twist() const noexcept { return state_.twist; }
-  /// By how much events are late, as far as it is known [s]: a pose that they show is that of so much earlier.
+  /// How late events are, as far as is known [s]: the pose that they show was the marker's this long ago.
   double delay_s() const noexcept { return errors_.delay_s(); }
   /// Standard deviation [px] by which the pixels' response time spreads the events of moving edges now.
   double smear_px() const noexcept { return errors_.smear_px(px_per_s()); }
@@ -269,14 +270,17 @@ class KalmanUpdate {
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
   static constexpr double squared(double x) noexcept { return x * x; }
 
+  // All events are noise, whose residuals would tell of errors that the edges do not have.
+  bool at_rest() const noexcept { return signal_weight_ == 0; }
+
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight, double polarity) noexcept {
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
-    errors_.add_sample(row, weight);
+    if (!at_rest()) errors_.add_sample(row, weight);
     motion_.add_sample({row[0], row[1], row[2], row[3], row[4], row[5]}, px_per_s);
     if (signal_weight_ != 1) return;  // noise at rest spreads anywhere
-    // The row's trail has the sign of -s p, which is 0 where it is not known which side is dark: such an event is taken
-    // to fit.
+    // The row's trail has the sign of -s p, see MeasurementModel, and is 0 where the dark side or the polarity is not
+    // known: such an event is taken to fit.
     const bool fits = -row[6 + kTrail] * model_.time_direction * px_per_s >= 0;
     errors_.add_moving_sample(row[kResidual], px_per_s, fits ? polarity : 0);
   }
@@ -292,8 +296,8 @@ class KalmanUpdate {
     motion_.limit(state_, count, dt, noise_per_s_, statistics_);
   }
 
-  // Predicts the state from its own time to `after_pose_s` after the pose. Returns the motion from the present pose to
-  // there.
+  // Predicts the state from its own time, which is not the pose's, see KalmanState::Lead, to `after_pose_s` after the
+  // pose. Returns the motion from the present pose to there.
   Vec6 predict_state(double after_pose_s) noexcept {
     const KalmanState::Lead lead = std::exchange(state_.lead, {});
     const double dt = lead.s + after_pose_s;

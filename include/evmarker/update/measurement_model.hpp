@@ -11,7 +11,7 @@
 
 namespace evmarker {
 
-/// Places of the biases among those of an error state.
+/// Indices of the biases in ErrorState::b.
 inline constexpr std::size_t kOffset = 0, kTrail = 1;
 
 /// The measurement of one event.
@@ -29,8 +29,8 @@ struct EventMeasurement {
 /// Ignored, it makes the marker seem smaller and farther away. Trail: how far [px] events lie behind their moving edge,
 /// as a pixel fires only after a whole contrast step. ON events come from edges that move toward the dark: they lie one
 /// trail toward the bright side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the
-/// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to its
-/// inverse.
+/// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to the
+/// inverse of that logarithm; `contrast` below is the logarithm, relative to the mean of all edges, see EdgeContrasts.
 struct MeasurementModel {
   std::array<double, kBiases> bias_px{};  ///< edge offset, trail
   double robust_px = 1;                   ///< scale of the Cauchy weights
@@ -46,14 +46,14 @@ struct MeasurementModel {
   /// @param distance_px Eq. (1), positive along the normal
   /// @param s 1 if it is known on which side the edge is dark, to which the normal points then; else 0
   /// @param p polarity
-  /// @param contrast of the edge, relative to the mean of all
+  /// @param contrast of the edge: its logarithm, relative to the mean of all
   [[gnu::always_inline]] double residual_px(double distance_px, double s, double p,
                                             double contrast = 1) const noexcept {
     return distance_px - s * contrast * bias_px[kOffset] + s * p / contrast * bias_px[kTrail];
   }
 
-  /// The measurement of an event: one row [J; d] of d = J [pose; biases], J = [g, (E - T) x g, s c, -s p / c] where c
-  /// is the edge's contrast.
+  /// The measurement of an event: one row [J; d] of d = J [pose; biases], these being errors of the state, with
+  /// J = [g, (E - T) x g, s c, -s p / c], T the marker's origin and c the edge's `contrast`.
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
@@ -69,7 +69,8 @@ struct MeasurementModel {
     const double weight =
         signal_share(toward_dark_px_per_s, s * p) * end_weight(from_end_px2) * robust2 / (robust2 + residual2);
     return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast, residual},
-            // Across an edge of little contrast a step of light is a longer way, and so is what is not known of it.
+            // Across an edge of little contrast, one step of light is a longer way, and where its events lie is less
+            // certain: the standard deviation goes with 1 / contrast.
             simd::smaller(contrast * contrast * weight, weight),
             residual2,
             squared_norm(lever),
@@ -83,16 +84,17 @@ struct MeasurementModel {
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
     const double absolute = std::abs(toward_dark_px_per_s);
     const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * absolute;
-    // The mean of max(x, 0), as x is known to `speed_deviation_px_per_s` only, is about max(x, 0) +
-    // speed_deviation_px_per_s^2 / b. All is multiplied by b: one division is enough.
+    // The mean of max(x, 0), where x is uncertain by sigma = `speed_deviation_px_per_s`, is taken as max(x, 0) +
+    // sigma^2 / b: more than a normal distribution gives at x < 0, so that no event is surely noise. All is
+    // multiplied by b: one division is enough.
     const double b = 4 * absolute + 2 * speed_deviation_px_per_s;
     const double speed_b = 0.5 * (x + absolute) * b + speed_deviation_px_per_s * speed_deviation_px_per_s;
     return speed_b / (speed_b + noise_px_per_s * b);
   }
 
-  // Within three times the spread of the events a blurred corner is round. A fifth is enough there to estimate the
-  // trail from edges that move along their own direction. Without a branch, which would keep the loop over a batch from
-  // being vectorised.
+  // Within three times the spread of the events a blurred corner is round. A weight of 0 there would leave the trail
+  // undetermined where edges move along their own direction; a fifth is enough. Without a branch, which would keep the
+  // loop over a batch from being vectorised.
   [[gnu::always_inline]] double end_weight(double from_end_px2) const noexcept {
     constexpr double kSpreads2 = 9, kAtEnds = 0.2;
     return 0.5 * (1 + kAtEnds) + std::copysign(0.5 * (1 - kAtEnds), from_end_px2 - kSpreads2 * spread_px2);

@@ -35,10 +35,10 @@ class MotionBound {
   /// @param dt length of the step [s]
   /// @param noise_per_s events that are noise
   /// @param share weight of the step in running means over 100 events
-  /// @param px_per_m by which a motion across the line of sight shows in the image
+  /// @param px_per_m motion of the edges along their normals in the image per motion in space, root mean square
   void measure(int events, double dt, double noise_per_s, double share, double px_per_m) noexcept {
     constexpr double kSafety = 8;  // for hidden edges, fewer events of fast ones, and a motion that has just begun
-    constexpr double kGrowth = 3;  // usual intervals that one counts as at most, however long a rest
+    constexpr double kGrowth = 3;  // an interval counts as so many usual ones at most, so that a rest changes it little
     if (events > 0) {
       const double interval_s = dt / events;
       if (interval_s_ > 0)
@@ -59,9 +59,9 @@ class MotionBound {
   double most_px() const noexcept { return most_px_; }
   double most_m() const noexcept { return most_m_; }
 
-  /// The process noise of a step, limited to the bound and to ten turns of the marker, when nothing is known any more:
-  /// with the variances of a pause of years, rounding would make the covariance indefinite.
-  /// All axes are limited alike, by what the acceleration does along the first.
+  /// The process noise of a step, the pose's standard deviation limited to the bound, and to ten turns of the marker
+  /// where there is none: with the variances of a pause of years, rounding would make the covariance indefinite. All
+  /// axes are scaled alike, by what the acceleration does along the first; cross terms by the root, as Q must be valid.
   /// @param acceleration density of the white acceleration of the translation [m^2/s^3]
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]; infinite if not known
   MotionStep limited(MotionStep motion, double acceleration, double lever2) const noexcept {

@@ -27,7 +27,7 @@ class VelocityMemory {
   /// Adds the events of an update.
   /// @param events_per_px that all edges together make while they move by a pixel
   /// @param dt since the last update [s]
-  /// @param share weight of this update in the running means
+  /// @param share weight of this update in the running means but that of the speed, which has kSpeedShare
   void add(int events, double events_per_px, double dt, double share) noexcept {
     if (samples_ > 0) px_per_s_ += kSpeedShare * (speeds_px_s_ / samples_ - px_per_s_);
     speeds_px_s_ = samples_ = 0;
@@ -56,8 +56,8 @@ class VelocityMemory {
 
   /// Rates at which the velocity fades along each axis [1/s]. What was put back longer ago counts less from now on.
   /// @param fastest,slowest for a velocity that nothing confirms, and for one that everything does
-  /// @param velocity2,variance square of the velocity, and its variance, in the same units: a velocity below its own
-  /// standard deviation counts as unknown
+  /// @param velocity2,variance squared speed of the edges [m^2/s^2], and its variance likewise, one for all axes; a
+  /// speed of just its own standard deviation counts half
   /// @param signal weight of the events (BackgroundShare): noise would confirm the small velocity that it makes itself
   std::array<double, 6> fading(double fastest, double slowest, double velocity2, double variance,
                                double signal) noexcept {
@@ -82,7 +82,7 @@ class VelocityMemory {
   // are hidden or move along themselves.
   static constexpr double kTooFew = 0.4, kEnough = 0.7;
   static constexpr double kPause = 4;  // usual updates: in a longer one, the marker may have stopped
-  // Over which what fades and what is put back are compared: a marker that stops is noticed within it.
+  // Time over which what fades and what is put back are compared: a marker that stops is noticed within it.
   static constexpr double kMemory_s = 0.05;
 
   double speeds_px_s_ = 0, samples_ = 0;        // sum and number of the speeds since the last update
@@ -91,7 +91,7 @@ class VelocityMemory {
   double usual_s_ = 0;                          // running mean of the duration, a pause cut short; 0 at first
   double goes_on_ = 1;                          // 1 unless this update took much longer, then less
   double since_s_ = 0;                          // the rates were last asked for
-  std::array<double, 6> put_back_{}, faded_{};  // fading sums, times the velocity, by axis
+  std::array<double, 6> put_back_{}, faded_{};  // fading sums by axis: velocity times what was put back, or what faded
 };
 
 }  // namespace evmarker
