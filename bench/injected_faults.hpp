@@ -108,7 +108,8 @@ inline Fault clock_step(std::string name, Timestamp step_us) {
           .clock_step_us = step_us};
 }
 
-/// Every pixel of the image's middle column fires ON events at a rate of its own, whatever it sees.
+/// Every pixel of the image's middle column fires ON events, or ON and OFF in turn, at a rate of its own, whatever it
+/// sees.
 inline Fault hot_column(std::string name, Timestamp duration_us, double hz_per_px, bool both_polarities = false) {
   return {std::move(name), duration_us, [=](std::span<const Event> events, const FaultPlace& place, Random& random) {
             std::vector<Event> hot;

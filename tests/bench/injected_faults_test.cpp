@@ -112,6 +112,11 @@ TEST_CASE("a hot column fires at its rate in every row, beside the events that t
     CHECK(count >= 2 * 17);  // 20 a fault, each pixel up to a tenth more or less
     CHECK(count <= 2 * 23);
   }
+  int on = 0, off = 0;
+  for (const Event& event : inside(only_piece(bench::hot_column("", kFault_us, 10000, true)), kFault_us))
+    if (event.x == kSensor.width / 2) ++(event.p > 0 ? on : off);
+  CHECK(off > 17 * kSensor.height);
+  CHECK(on >= off);
   CHECK(outside(events, kFault_us) == outside(plain_events(0, kLength_us), kFault_us));
 }
 

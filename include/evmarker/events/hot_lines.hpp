@@ -22,16 +22,16 @@ class HotLines {
   HotLines(SensorSize size, double events_per_sample)
       : columns_(size.width, size.height, events_per_sample), rows_(size.height, size.width, events_per_sample) {}
 
+  /// Which lines of an event were found hot now. While these go on firing, they are found again and again.
+  struct Found {
+    bool column, row;
+  };
+
   /// Counts one sampled event, which must lie on the sensor.
   /// @param epoch number of the present period of time; what was counted in another one is forgotten
-  void count(const Event& event, std::uint32_t epoch) noexcept {
-    column_is_hot_ = columns_.count(event.x, event.p > 0, epoch);
-    row_is_hot_ = rows_.count(event.y, event.p > 0, epoch);
+  Found count(const Event& event, std::uint32_t epoch) noexcept {
+    return {columns_.count(event.x, event.p > 0, epoch), rows_.count(event.y, event.p > 0, epoch)};
   }
-
-  /// True if the last event's column (row) was found hot now. While it goes on firing, it is found again and again.
-  bool column_is_hot() const noexcept { return column_is_hot_; }
-  bool row_is_hot() const noexcept { return row_is_hot_; }
 
  private:
   // All lines of one direction.
@@ -74,7 +74,6 @@ class HotLines {
   };
 
   Lines columns_, rows_;
-  bool column_is_hot_ = false, row_is_hot_ = false;
 };
 
 }  // namespace evmarker

@@ -83,10 +83,10 @@ class HotPixels {
     } else if (stands_out(event.x, event.y, now)) {  // the count stays: every further sample is judged
       mark(event.x, event.y, now);
     }
-    lines_.count(event, now);
-    if (lines_.column_is_hot())
+    const HotLines::Found hot = lines_.count(event, now);
+    if (hot.column)
       for (int y = 0; y < size_.height; ++y) mark(event.x, y, now);
-    if (lines_.row_is_hot())
+    if (hot.row)
       for (int x = 0; x < size_.width; ++x) mark(x, event.y, now);
   }
 

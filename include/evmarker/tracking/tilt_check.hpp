@@ -111,7 +111,7 @@ class TiltCheck {
   }
 
   // The side of a smaller tilt is not sure: a tilt below sqrt(1 / size) shortens the marker by less than half a pixel,
-  // as 1 - cos(tilt) = tilt^2 / 2, and the estimated tilt may itself be wrong by kSigmas.
+  // as 1 - cos(tilt) = tilt^2 / 2, and the estimated tilt may be wrong by kSigmas deviations.
   double unsure_below(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
     return std::sqrt(1 / size_px(follower, seen)) + kSigmas * tilt_deviation(follower, seen);
   }

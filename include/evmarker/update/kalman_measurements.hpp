@@ -74,7 +74,7 @@ class KalmanMeasurements {
   static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
                                kStates = MeasurementRows::kStates;
   static constexpr int kFew = 12;  // measurements; by timing, more are faster condensed
-  // As many are still waiting: where some have been added to the squares, there are more.
+  // Where there are squares, more than these have been added, so that `correct` never leaves the squares out.
   static_assert(kMost - simd::kLanes >= static_cast<std::size_t>(kFew));
   static constexpr double kRounding = 1e-14;  // relative error that rounding may leave of a sum of squares
 
