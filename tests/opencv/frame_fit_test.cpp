@@ -213,6 +213,28 @@ TEST_CASE("a frame without the marker's steps has no support and does not move t
   CHECK(outside->support == 0);
 }
 
+TEST_CASE("edges that lie within areas of one brightness are counted, those that nobody has seen are not") {
+  const auto contradicted = [](const cv::Mat& frame, const Eigen::Isometry3d& T) {
+    const auto fit = fit_to_frame(kSmallCamera, frame, kModel, T, 4, 0);
+    REQUIRE(fit);
+    return fit->contradicted_edges;
+  };
+  const cv::Mat frame = photograph(kCode, kPose);
+  const int edges = static_cast<int>(kModel.segments.size());
+  CHECK(contradicted(frame, kPose) == 0);
+  CHECK(contradicted(0 * frame + 128, kPose) == 0);
+  CHECK(contradicted(0 * frame, kPose) == edges);
+  CHECK(contradicted(0 * frame + 255, kPose) == edges);
+
+  // Something dark over a corner of the code.
+  cv::Mat hidden = frame.clone();
+  const Eigen::Vector3d corner = kPose * Eigen::Vector3d(kLength / 6, kLength / 3, 0);
+  const Eigen::Vector2d at = kSmallCamera.project(corner);
+  cv::circle(hidden, {static_cast<int>(at.x()), static_cast<int>(at.y())}, 14, cv::Scalar(0), cv::FILLED);
+  CHECK(contradicted(hidden, kPose) > 0);
+  CHECK(contradicted(hidden, kPose) < edges / 2);
+}
+
 TEST_CASE("no fit of what is not in front of the camera, not finite or empty") {
   const cv::Mat frame = photograph(kCode, kPose);
   const auto fits = [&](const Eigen::Isometry3d& T, const MarkerModel& model) {

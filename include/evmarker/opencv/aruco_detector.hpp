@@ -36,7 +36,7 @@ namespace evmarker::opencv {
 /// A `MarkerDetector` for the markers of OpenCV's ArUco dictionaries. Frames of last polarities are ragged and half
 /// empty; OpenCV's own detector finds wrong ids in them, and corners with errors of pixels. This detector fits the pose
 /// of every candidate to all edges of its code, and reports it only if the frame shows these edges and the cells of the
-/// code there. Copyable; not thread-safe.
+/// code there, and contradicts at most one edge. Copyable; not thread-safe.
 template <CameraModel Camera>
 class ArucoDetector {
  public:
@@ -130,6 +130,9 @@ class ArucoDetector {
 
  private:
   static constexpr double kGoodCost_px = 0.75;  // largest cost of a fit in which nearly all edges are right
+  // One edge may be too weak for the sensor. More are contradicted where a pose is fitted to something larger than the
+  // marker: to a dark rim beside it, too.
+  static constexpr int kMostContradictedEdges = 1;
 
   struct Candidate {
     MarkerDetection detection;
@@ -234,7 +237,8 @@ class ArucoDetector {
   // Fits a pose to the frame, starting from T. Empty if the frame does not show enough of the marker's edges and code.
   std::optional<FrameFit> fit_pose(MarkerId id, const MarkerModel& wireframe, const Eigen::Isometry3d& T) const {
     const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(id, T));
-    if (!fit || fit->support < settings_.min_edge_support) return std::nullopt;
+    if (!fit || fit->support < settings_.min_edge_support || fit->contradicted_edges > kMostContradictedEdges)
+      return std::nullopt;
     if (read_code(camera_, image_, bits(id), settings_.length(id), fit->T_camera_marker).agreement <
         settings_.min_agreement)
       return std::nullopt;

@@ -16,6 +16,7 @@ struct FrameFit {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
   double support = 0;    ///< share of the edges' length along which the frame steps from bright to dark
   double cost_px = 0;    ///< root mean square distance of the edges from these steps; missing ones count as 2 px
+  int contradicted_edges = 0;  ///< number of edges that lie, for the most part, within areas of one brightness
   double offset_px = 0;  ///< distance of the steps from the edges into the dark areas, which look too small by it
 };
 
@@ -48,6 +49,15 @@ inline std::optional<double> find_step(const cv::Mat& frame, Vec2 at, Vec2 norma
   const double step = static_cast<double>(sum) / ties - 0.5;
   if (std::abs(step) > reach - 1) return std::nullopt;
   return kStride * step;
+}
+
+// True if nearly all of the frame that `find_step` would search is bright, or nearly all is dark.
+inline bool is_within_area(const cv::Mat& frame, Vec2 at, Vec2 normal, double reach_px) {
+  constexpr double kNearlyAll = 0.8;  // of bright less dark pixels
+  const int reach = static_cast<int>(std::lround(reach_px));
+  double sum = 0;
+  for (int i = -reach; i <= reach; ++i) sum += brightness(frame, at + i * normal);
+  return std::abs(sum) > kNearlyAll * (2 * reach + 1);
 }
 
 using Vector7 = cv::Vec<double, 7>;  // translation [m], rotation [rad], offset [px]
@@ -83,24 +93,23 @@ std::optional<EdgePoint> project_edge(const Camera& camera, Vec3 E, Vec3 S, Vec3
   return EdgePoint{E, e, normal, {dot(normal, by_x), dot(normal, by_y), dot(normal, by_z)}};
 }
 
-// Calls `visit` with points along all edges of a model, 2 px apart in the image. Returns false if an edge is not wholly
+// Calls `visit` with points along an edge of a model, 2 px apart in the image. Returns false if the edge is not wholly
 // in front of the camera or has no image; it then may have visited some points.
 template <CameraModel Camera, typename Visit>
-bool for_each_edge_point(const Camera& camera, const MarkerModel& model, const Eigen::Isometry3d& T, Visit&& visit) {
+bool for_each_edge_point(const Camera& camera, const MarkerModel& model, const MarkerSegment& edge,
+                         const Eigen::Isometry3d& T, Visit&& visit) {
   constexpr double kDistancePx = 2;
-  for (const MarkerSegment& segment : model.segments) {
-    const Vec3 from = transform(T, model.vertices[static_cast<std::size_t>(segment.from)]);
-    const Vec3 to = transform(T, model.vertices[static_cast<std::size_t>(segment.to)]);
-    const Vec3 dark_side = rotate(T, segment.dark_side);
-    if (!(from.z > 0 && to.z > 0)) return false;
-    const double length_px = norm(project(camera, to) - project(camera, from));
-    if (!(length_px < 1e4)) return false;
-    const int count = std::max(1, static_cast<int>(length_px / kDistancePx));
-    for (int i = 0; i < count; ++i) {
-      const auto point = project_edge(camera, from + (i + 0.5) / count * (to - from), to - from, dark_side);
-      if (!point) return false;
-      visit(*point);
-    }
+  const Vec3 from = transform(T, model.vertices[static_cast<std::size_t>(edge.from)]);
+  const Vec3 to = transform(T, model.vertices[static_cast<std::size_t>(edge.to)]);
+  const Vec3 dark_side = rotate(T, edge.dark_side);
+  if (!(from.z > 0 && to.z > 0)) return false;
+  const double length_px = norm(project(camera, to) - project(camera, from));
+  if (!(length_px < 1e4)) return false;
+  const int count = std::max(1, static_cast<int>(length_px / kDistancePx));
+  for (int i = 0; i < count; ++i) {
+    const auto point = project_edge(camera, from + (i + 0.5) / count * (to - from), to - from, dark_side);
+    if (!point) return false;
+    visit(*point);
   }
   return true;
 }
@@ -110,6 +119,8 @@ class EdgeResiduals {
  public:
   // Adds a point without a step.
   void add_missing() { ++points_; }
+
+  void add_contradicted_edge() { ++contradicted_edges_; }
 
   // Adds a point at a signed distance from its step. `origin` is the marker's centre [m, camera frame].
   void add(const EdgePoint& point, Vec3 origin, double distance_px) {
@@ -128,6 +139,7 @@ class EdgeResiduals {
 
   int points() const { return points_; }
   int found() const { return found_; }
+  int contradicted_edges() const { return contradicted_edges_; }
   double support() const { return static_cast<double>(found_) / points_; }
   double cost_px() const { return std::sqrt((squares_ + kMissingPx * kMissingPx * (points_ - found_)) / points_); }
 
@@ -167,7 +179,7 @@ class EdgeResiduals {
   Matrix77 H_;
   Vector7 b_;
   double squares_ = 0;
-  int points_ = 0, found_ = 0;
+  int points_ = 0, found_ = 0, contradicted_edges_ = 0;
 };
 
 // Searches the steps of all edges at a pose and an offset. Empty if not all of the model has an image.
@@ -176,13 +188,21 @@ std::optional<EdgeResiduals> compare(const Camera& camera, const cv::Mat& frame,
                                      const FrameFit& fit, double reach_px) {
   EdgeResiduals residuals;
   const Eigen::Isometry3d& T = fit.T_camera_marker;
-  const bool seen = for_each_edge_point(camera, model, T, [&](const EdgePoint& point) {
-    if (const auto step = find_step(frame, point.e, point.normal, reach_px))
-      residuals.add(point, translation(T), *step - fit.offset_px);
-    else
-      residuals.add_missing();
-  });
-  if (!seen || residuals.points() == 0) return std::nullopt;
+  for (const MarkerSegment& edge : model.segments) {
+    int points = 0, within_area = 0;
+    const bool seen = for_each_edge_point(camera, model, edge, T, [&](const EdgePoint& point) {
+      ++points;
+      if (const auto step = find_step(frame, point.e, point.normal, reach_px)) {
+        residuals.add(point, translation(T), *step - fit.offset_px);
+      } else {
+        residuals.add_missing();
+        within_area += is_within_area(frame, point.e, point.normal, reach_px);
+      }
+    });
+    if (!seen) return std::nullopt;
+    if (2 * within_area > points) residuals.add_contradicted_edge();
+  }
+  if (residuals.points() == 0) return std::nullopt;
   return residuals;
 }
 
@@ -207,6 +227,7 @@ std::optional<FrameFit> fit_to_frame(const Camera& camera, const cv::Mat& frame,
     if (!residuals) return std::nullopt;
     fit.support = residuals->support();
     fit.cost_px = residuals->cost_px();
+    fit.contradicted_edges = residuals->contradicted_edges();
     if (iteration >= iterations || residuals->found() < kFewestSteps) return fit;
 
     const detail::Vector7 dx = residuals->step(fit.offset_px);
