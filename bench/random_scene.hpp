@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <numbers>
 #include <string>
 #include <utility>
 
@@ -89,8 +88,8 @@ inline Situation random_scene(std::uint64_t seed) {
   marker.white = random.uniform(0.4, 0.9);
   const double least_px = kLeastCell_px * static_cast<double>(marker.bits.rows() + 2);
   const double most_px = std::min(200.0, 0.45 * camera.sensor_size().height);
-  marker.T_camera_marker = detail::random_sway(random, camera, marker.length,
-                                               detail::factor_between(random, least_px, std::max(least_px, most_px)));
+  marker.T_camera_marker =
+      detail::random_sway(random, camera, marker.length, detail::factor_between(random, least_px, most_px));
   situation.scene.markers.push_back(std::move(marker));
   situation.scene.background = detail::random_background(random);
   return situation;

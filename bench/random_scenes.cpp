@@ -1,6 +1,7 @@
 // Tracks a marker in scenes that are drawn at random: in which of them does the tracker say what is wrong?
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cinttypes>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -40,11 +41,12 @@ std::size_t wrong_poses(const bench::Situation& situation, const bench::Run& run
 void print(std::uint64_t seed, const bench::Situation& situation, const bench::Verdict& verdict, std::size_t wrong) {
   const SensorSize size = situation.camera.sensor_size();
   const double z = situation.truth(0, 0).translation().z();
-  std::printf("%4llu %4d x %3d %5.0f px %-20s %6.0f mm at %6.2f m %4.0f px | %7.2f / %6.2f %6.2f %5.1f %% %5zu %3zu\n",
-              static_cast<unsigned long long>(seed), size.width, size.height, situation.camera.focal_length(),
-              situation.dictionary.c_str(), 1e3 * situation.marker_length(), z,
-              situation.camera.focal_length() * situation.marker_length() / z, verdict.translation_mm().mean,
-              verdict.rotation_deg().mean, verdict.nees().mean, 100 * verdict.coverage(), wrong, verdict.lost());
+  std::printf("%4" PRIu64
+              " %4d x %3d %5.0f px %-20s %6.0f mm at %6.2f m %4.0f px | %7.2f / %6.2f %6.2f %5.1f %% %5zu %3zu\n",
+              seed, size.width, size.height, situation.camera.focal_length(), situation.dictionary.c_str(),
+              1e3 * situation.marker_length(), z, situation.camera.focal_length() * situation.marker_length() / z,
+              verdict.translation_mm().mean, verdict.rotation_deg().mean, verdict.nees().mean, 100 * verdict.coverage(),
+              wrong, verdict.lost());
   std::fflush(stdout);  // a scene takes seconds
 }
 
@@ -60,9 +62,9 @@ void run(const Options& options) {
     const std::uint64_t seed = options.first + i;
     const bench::Situation situation = bench::random_scene(seed);
     bench::Verdict verdict;
-    const bench::Run run = bench::kalman(situation, bench::simulate(situation));
-    verdict.add(situation, run);
-    const std::size_t wrong = wrong_poses(situation, run);
+    const bench::Run result = bench::kalman(situation, bench::simulate(situation));
+    verdict.add(situation, result);
+    const std::size_t wrong = wrong_poses(situation, result);
     print(seed, situation, verdict, wrong);
     wrong_scenes += wrong > 0;
     progress.update(i + 1, options.scenes);

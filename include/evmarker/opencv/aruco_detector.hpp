@@ -130,8 +130,8 @@ class ArucoDetector {
 
  private:
   static constexpr double kGoodCost_px = 0.75;  // largest cost of a fit in which nearly all edges are right
-  // One edge may be too weak for the sensor. More are contradicted where a pose is fitted to something larger than the
-  // marker: to a dark rim beside it, too.
+  // One edge may be too weak for the sensor. More are contradicted where a pose is fitted to more than the marker, such
+  // as to the marker and a dark rim beside it.
   static constexpr int kMostContradictedEdges = 1;
 
   struct Candidate {

@@ -14,10 +14,10 @@ namespace evmarker::opencv {
 /// A pose, and how well the edges of a model agree with a frame there.
 struct FrameFit {
   Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();
-  double support = 0;    ///< share of the edges' length along which the frame steps from bright to dark
-  double cost_px = 0;    ///< root mean square distance of the edges from these steps; missing ones count as 2 px
+  double support = 0;          ///< share of the edges' length along which the frame steps from bright to dark
+  double cost_px = 0;          ///< root mean square distance of the edges from these steps; missing ones count as 2 px
   int contradicted_edges = 0;  ///< number of edges that lie, for the most part, within areas of one brightness
-  double offset_px = 0;  ///< distance of the steps from the edges into the dark areas, which look too small by it
+  double offset_px = 0;        ///< distance of the steps from the edges into the dark areas, which look too small by it
 };
 
 namespace detail {
@@ -51,9 +51,9 @@ inline std::optional<double> find_step(const cv::Mat& frame, Vec2 at, Vec2 norma
   return kStride * step;
 }
 
-// True if nearly all of the frame that `find_step` would search is bright, or nearly all is dark.
+// True if nearly all pixels that `find_step` would search are bright, or nearly all are dark.
 inline bool is_within_area(const cv::Mat& frame, Vec2 at, Vec2 normal, double reach_px) {
-  constexpr double kNearlyAll = 0.8;  // of bright less dark pixels
+  constexpr double kNearlyAll = 0.8;  // share by which the ones outnumber the others
   const int reach = static_cast<int>(std::lround(reach_px));
   double sum = 0;
   for (int i = -reach; i <= reach; ++i) sum += brightness(frame, at + i * normal);
