@@ -322,8 +322,8 @@ struct PolarSight {
 };
 
 // Events of that motion, the more the faster an edge moves. An edge that moves toward the dark makes ON events at
-// offset_px - trail_px, one that moves out of it OFF events at offset_px + trail_px.
-std::vector<PolarSight> trailing_events(Timestamp end, double offset_px, double trail_px) {
+// offset_px - trail_px, one that moves out of it OFF events at offset_px + trail_px, `off_delay_s` later.
+std::vector<PolarSight> trailing_events(Timestamp end, double offset_px, double trail_px, double off_delay_s = 0) {
   std::mt19937 random(71);
   std::uniform_real_distribution<double> unit(0, 1);
   std::vector<PolarSight> events;
@@ -337,7 +337,8 @@ std::vector<PolarSight> trailing_events(Timestamp end, double offset_px, double 
     const double speed_px_per_s = 1e6 * edge.normal.dot(now - image(swaying(seconds - 1e-6) * point));
     if (std::abs(speed_px_per_s) < 1500 * unit(random)) continue;
     const double polarity = speed_px_per_s > 0 ? 1 : -1;
-    events.push_back({(now + (offset_px - polarity * trail_px) * edge.normal) / kFocal, t, polarity});
+    const double late_px = (polarity > 0 ? 0 : off_delay_s) * speed_px_per_s;
+    events.push_back({(now + (offset_px - polarity * trail_px - late_px) * edge.normal) / kFocal, t, polarity});
   }
   return events;
 }
@@ -418,6 +419,23 @@ TEST_CASE("how far events trail is learned when the motion turns, and the pose d
         back.push(event->m, 2 * events.back().t - event->t, event->polarity);
       CHECK(std::abs(back.rule().trail_px() - trail_px) < 0.05);
       CHECK(translation_error(back.T_camera_marker(), swaying(0)) < 1e-3);
+    }
+}
+
+TEST_CASE("how much later OFF events come is learned, and does not look like another pose") {
+  for (const double off_delay_s : {3e-4, -3e-4, 0.0})
+    for (const int n : {1, 20, 100}) {
+      CAPTURE(off_delay_s);
+      CAPTURE(n);
+      const auto events = trailing_events(500000, 0.3, 0.2, off_delay_s);
+      Follower with = follower(swaying(0), n), without = follower(swaying(0), n, {.initial_sigma_off_delay_s = 1e-9});
+      const double error = mean_error(with, events, Polarity::told),
+                   ignorant = mean_error(without, events, Polarity::told);
+      MESSAGE("n = " << n << ": OFF delay " << 1e3 * with.rule().off_delay_s() << " of " << 1e3 * off_delay_s
+                     << " ms, offset " << with.rule().edge_offset_px() << " and " << without.rule().edge_offset_px()
+                     << " of 0.3 px, error " << 1e3 * error << " mm, without it " << 1e3 * ignorant << " mm");
+      CHECK(std::abs(with.rule().off_delay_s() - off_delay_s) < 3e-5);
+      CHECK(std::abs(with.rule().edge_offset_px() - 0.3) < 0.02);
     }
 }
 
@@ -913,8 +931,9 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"initial_sigma_w_rad_s", &KalmanSettings::initial_sigma_w_rad_s},
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
       {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px},
+      {"initial_sigma_off_delay_s", &KalmanSettings::initial_sigma_off_delay_s},
       {"initial_trail_px", &KalmanSettings::initial_trail_px}};
-  static_assert(sizeof(KalmanSettings) == 18 * sizeof(double));  // none is left out
+  static_assert(sizeof(KalmanSettings) == 19 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

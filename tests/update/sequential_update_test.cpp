@@ -17,6 +17,8 @@ namespace simd = evmarker::simd;
 
 namespace {
 
+constexpr Eigen::Index kStates = 12 + kBiases;  // [x; b]
+
 struct Problem {
   MeasurementRows rows;
   ErrorCovariance P;
@@ -30,10 +32,10 @@ struct Problem {
       for (auto& numbers : rows.row) numbers[i] = normal(random);
       rows.weight[i] = 0.5 + std::abs(normal(random));
     }
-    const Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(14, 14, [&] { return normal(random); });
+    const Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(kStates, kStates, [&] { return normal(random); });
     set_covariance(root * root.transpose());
     error.x.setConstant(0.25);
-    error.b = {-0.5, 0.75};
+    error.b = {-0.5, 0.75, 0.5};
   }
 
   // Of [x; b].
@@ -49,26 +51,32 @@ struct Problem {
 
 // The textbook's, all at once.
 void expect(Problem& problem, int first, int count) {
-  Eigen::MatrixXd all(14, 14), J = Eigen::MatrixXd::Zero(count, 14), R = Eigen::MatrixXd::Zero(count, count);
+  Eigen::MatrixXd all(kStates, kStates), J = Eigen::MatrixXd::Zero(count, kStates),
+                                         R = Eigen::MatrixXd::Zero(count, count);
   const ErrorCovariance& P = problem.P;
+  Eigen::VectorXd state(kStates), innovation(count);
   all.topLeftCorner(12, 12) = P.xx;
-  all.topRightCorner(12, 2) << P.xb[0], P.xb[1];
-  all.bottomLeftCorner(2, 12) = all.topRightCorner(12, 2).transpose();
-  all.bottomRightCorner(2, 2) << P.bb[0][0], P.bb[0][1], P.bb[1][0], P.bb[1][1];
-  Eigen::VectorXd state(14), innovation(count);
-  state << problem.error.x, problem.error.b[0], problem.error.b[1];
+  state.head(12) = problem.error.x;
+  for (std::size_t b = 0; b < kBiases; ++b) {
+    const auto i = static_cast<Eigen::Index>(12 + b);
+    all.block(0, i, 12, 1) = P.xb[b];
+    all.block(i, 0, 1, 12) = P.xb[b].transpose();
+    for (std::size_t c = 0; c < kBiases; ++c) all(i, static_cast<Eigen::Index>(12 + c)) = P.bb[b][c];
+    state(i) = problem.error.b[b];
+  }
   for (int i = 0; i < count; ++i) {
     const auto place = static_cast<std::size_t>(first + i);
-    for (std::size_t k = 0; k < 8; ++k) J(i, static_cast<int>(k < 6 ? k : 6 + k)) = problem.rows.row[k][place];
+    for (std::size_t k = 0; k < MeasurementRows::kStates; ++k)
+      J(i, static_cast<int>(k < 6 ? k : 6 + k)) = problem.rows.row[k][place];
     R(i, i) = 1 / (problem.information * problem.rows.weight[place]);
-    innovation(i) = problem.rows.row[8][place] - J.row(i).dot(state);
+    innovation(i) = problem.rows.row[MeasurementRows::kStates][place] - J.row(i).dot(state);
   }
   const Eigen::MatrixXd gain = all * J.transpose() * (J * all * J.transpose() + R).inverse();
   state += gain * innovation;
   all -= gain * J * all;
   problem.set_covariance(all);
   problem.error.x = state.head(12);
-  problem.error.b = {state(12), state(13)};
+  for (std::size_t b = 0; b < kBiases; ++b) problem.error.b[b] = state(static_cast<Eigen::Index>(12 + b));
 }
 
 template <std::size_t kCount>

@@ -162,7 +162,7 @@ class EdgeFollower {
     if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
     c.polarity = polarity;
     c.contrast = contrast(c.segment);
-    if constexpr (SensorEstimatingRule<Rule>) c.distance_px = rule_.residual_px(c);
+    if constexpr (SensorEstimatingRule<Rule>) c.distance_px = rule_.residual_px(c, T_camera_marker_);
     return std::min(c.distance_px * c.distance_px, most_px2);
   }
 

@@ -14,10 +14,11 @@ namespace evmarker {
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-/// Number of biases of the events' places: edge offset, toward the dark side, and trail, behind the moving edge.
-inline constexpr std::size_t kBiases = 2;
+/// Number of biases of the events: edge offset, trail and OFF delay, see MeasurementModel.
+inline constexpr std::size_t kBiases = 3;
 
-/// Deviation of the true state from the estimated one: x = [pose; velocity], and the biases b = [edge offset, trail].
+/// Deviation of the true state from the estimated one: x = [pose; velocity], and the biases b = [edge offset, trail,
+/// OFF delay].
 struct ErrorState {
   Vector12d x = Vector12d::Zero();
   std::array<double, kBiases> b{};
@@ -31,10 +32,10 @@ struct ErrorState {
 };
 
 /// Covariance of an error state, in blocks. Columns of twelve numbers are whole vectors of 128 and of 256 bits; columns
-/// of fourteen would not be.
+/// of fifteen would not be.
 struct ErrorCovariance {
   alignas(64) Matrix12d xx = Matrix12d::Zero();
-  alignas(64) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero()};
+  alignas(64) std::array<Vector12d, kBiases> xb{Vector12d::Zero(), Vector12d::Zero(), Vector12d::Zero()};
   std::array<std::array<double, kBiases>, kBiases> bb{};
 
   /// Predicts xx and xb over a motion step, P = F P F^T + Q, see MotionStep; the noise of the biases is not added.

@@ -118,43 +118,43 @@ class KalmanMeasurements {
       }
     const double kept = squares_begun_ || from > 0 ? 1 : 0;
     std::size_t place = 0;
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t j = 0; j < kNumbers; ++j)
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t k = j; k < kNumbers; ++k, ++place)
         for (std::size_t i = 0; i < simd::kLanes; ++i)
           squares_[place][i] = kept * squares_[place][i] + weighted[j][i] * row[k][i];
   }
 
-  // Replaces all measurements by eight with the same information. These are the first eight columns of L in S = L D
+  // Replaces all measurements by nine with the same information. These are the first nine columns of L in S = L D
   // L^T, where S is the sum of w [J; d] [J; d]^T, and their weights are on the diagonal of D. A direction without
   // information gets weight 0.
   [[gnu::noinline]] void condense() noexcept {
     double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
     std::size_t place = 0;
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t k = 0; k < kNumbers; ++k)
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t i = k; i < kNumbers; ++i) S[k][i] = simd::sum(squares_[place++]);
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t k = 0; k < kNumbers; ++k) D[k] = kRounding * S[k][k];  // at first, what rounding may leave of S
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t k = 0; k < kStates; ++k) {
       const bool observed = S[k][k] > D[k];
       const double inverse = observed ? 1 / S[k][k] : 0;
       D[k] = observed ? S[k][k] : 0;
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t i = k; i < kNumbers; ++i) L[k][i] = inverse * S[k][i];
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t j = k + 1; j < kNumbers; ++j)
-#pragma GCC unroll 9
+#pragma GCC unroll 10
         for (std::size_t i = j; i < kNumbers; ++i) S[j][i] -= L[k][j] * S[k][i];
     }
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t k = 0; k < kStates; ++k) rows_.weight[k] = D[k];
-#pragma GCC unroll 9
+#pragma GCC unroll 10
     for (std::size_t i = 0; i < kNumbers; ++i)
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t k = 0; k < kStates; ++k) rows_.row[i][k] = i < k ? 0 : L[k][i];
     waiting_ = kStates;
   }

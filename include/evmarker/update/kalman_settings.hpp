@@ -22,7 +22,8 @@ struct KalmanSettings {
   /// Time constants with which the velocity fades along an axis: where nothing confirms it, and where all does, see
   /// VelocityMemory. It fades somewhat faster while noise has a share in the events.
   double velocity_memory_s = 0.07, confirmed_velocity_memory_s = 1;
-  double offset_drift_px = 0.025;  ///< random walk of the edge offset and of the trail [px per square root of s]
+  /// Random walk of edge offset and trail [px per square root of s], and of the OFF delay [ms per square root of s].
+  double offset_drift_px = 0.025;
   /// Known delay of the camera's events [s], beside the response time that they show, see ResponseTime. Reported poses
   /// are moved forward by both, to be those at their time `t`.
   double latency_s = 0;
@@ -33,13 +34,14 @@ struct KalmanSettings {
   /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests. Errors that
   /// all events of an edge share are added, see EdgeScatter.
   double covariance_scale = 0.08;
-  // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail.
+  // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail, OFF delay.
   double initial_sigma_t_m = 0.01;
   double initial_sigma_r_rad = 0.1;
   double initial_sigma_v_m_s = 0.5;
   double initial_sigma_w_rad_s = 3;
   double initial_sigma_offset_px = 0.3;
   double initial_sigma_trail_px = 0.3;
+  double initial_sigma_off_delay_s = 2e-4;
   double initial_trail_px = 0;  ///< where it is known, with a small `initial_sigma_trail_px`
 };
 
@@ -63,6 +65,7 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
   require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");
   require.positive(settings.initial_sigma_trail_px, "initial_sigma_trail_px");
+  require.positive(settings.initial_sigma_off_delay_s, "initial_sigma_off_delay_s");
   require.not_negative(settings.initial_trail_px, "initial_trail_px");
 }
 

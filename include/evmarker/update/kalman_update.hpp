@@ -22,9 +22,9 @@
 
 namespace evmarker {
 
-/// Error-state Kalman filter over [translation, rotation, velocity, angular velocity, edge offset, trail]: KalmanState
-/// is predicted by AdaptiveMotion and corrected by what each event measures, see MeasurementModel. Errors that do not
-/// average out over events are measured beside it, see SystematicErrors.
+/// Error-state Kalman filter over [translation, rotation, velocity, angular velocity, edge offset, trail, OFF delay]:
+/// KalmanState is predicted by AdaptiveMotion and corrected by what each event measures, see MeasurementModel. Errors
+/// that do not average out over events are measured beside it, see SystematicErrors.
 class KalmanUpdate {
  public:
   using Settings = KalmanSettings;
@@ -39,7 +39,7 @@ class KalmanUpdate {
                              settings.initial_sigma_w_rad_s};
     for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = squared(sigmas[i / 3]);
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
-    model_.bias_px[kTrail] = settings.initial_trail_px;
+    model_.bias[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
   }
 
@@ -80,7 +80,7 @@ class KalmanUpdate {
       weights[i] = c.is_event[i] * of_event.weight;
       toward_dark[i] = of_event.toward_dark_px_per_s;
       since[i] = c.is_event[i] * (since_update_us > 0 ? since_update_us : 0);
-#pragma GCC unroll 9
+#pragma GCC unroll 10
       for (std::size_t k = 0; k < MeasurementRows::kNumbers; ++k) rows[k][i] = of_event.row[k];
     }
     if (!(simd::sum(finite_check) < kInfinity)) return;  // none is added: one would never leave the running means
@@ -120,7 +120,7 @@ class KalmanUpdate {
     const Vec6 twist = state_.twist + error.velocity();
     const KalmanState::Lead lead = motion_.lead(twist, dt - mean_dt, statistics_.lever2());
     const Vec6 step = error.pose() + lead.motion;
-    const Vec2 biases{error.b[kOffset], error.b[kTrail]};
+    const Vec3 biases{error.b[kOffset], error.b[kTrail], error.b[kOffDelay]};
     if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
 
     perturb(T_camera_marker, step);
@@ -162,7 +162,7 @@ class KalmanUpdate {
                  sigma_px = ModelMisfit::kTrailError * trail_px;
     MeasurementRow row{};
     row[6 + kTrail] = 1;
-    row[kResidual] = trail_px - model_.bias_px[kTrail];
+    row[kResidual] = trail_px - model_.bias[kTrail];
     measurements_.add(row, 1);
     errors_.forget_delay();  // it was measured while the start pose was still off
     ErrorState error;
@@ -254,14 +254,16 @@ class KalmanUpdate {
   void set_max_distance_px(double distance_px) noexcept { errors_.set_max_distance_px(distance_px); }
   /// See ModelMisfit.
   bool events_fill_distance() const noexcept { return errors_.events_fill_distance(); }
-  /// Signed distance of an event from its edge, corrected for edge offset and trail [px].
-  [[gnu::always_inline]] double residual_px(const Correspondence& c) const noexcept {
-    return model_.residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity, c.contrast);
+  /// Signed distance of an event from its edge, corrected for edge offset, trail and OFF delay [px].
+  double residual_px(const Correspondence& c, const Eigen::Isometry3d& T_camera_marker) const noexcept {
+    return model_.residual_px(c, Vec3(c.E) - translation(T_camera_marker));
   }
   /// How far on the dark side of an edge its events lie [px].
-  double edge_offset_px() const noexcept { return model_.bias_px[kOffset]; }
+  double edge_offset_px() const noexcept { return model_.bias[kOffset]; }
   /// How far behind their moving edges events lie [px].
-  double trail_px() const noexcept { return model_.bias_px[kTrail]; }
+  double trail_px() const noexcept { return model_.bias[kTrail]; }
+  /// How much later OFF events come than ON events [s].
+  double off_delay_s() const noexcept { return 1e-3 * model_.bias[kOffDelay]; }
 
  private:
   static constexpr std::size_t kResidual = 6 + kBiases;   // in a row
@@ -291,7 +293,10 @@ class KalmanUpdate {
       statistics_.update_means(count);
       model_.spread_px2 = statistics_.spread_px2();
     }
-    errors_.add_motion(motion_.bound().px(count), statistics_.spread_px2());
+    if (count > 0) {  // by the events if it is known how many they are in a pixel's way, else by the velocity
+      const MotionBound& bound = motion_.bound();
+      errors_.add_motion(bound.is_set() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
+    }
     motion_.add_events(count, dt, signal_weight_, state_, statistics_);
     motion_.limit(state_, count, dt, noise_per_s_, statistics_);
   }
@@ -335,14 +340,17 @@ class KalmanUpdate {
   void correct_biases(const ErrorState& error) noexcept {
     // The root mean square residual, but at least half a pixel, however sharp the edge is.
     const double most_offset_px = std::sqrt(std::max(statistics_.spread_px2(), 0.25));
-    model_.bias_px[kOffset] = std::clamp(model_.bias_px[kOffset] + error.b[kOffset], 0.0, most_offset_px);
-    model_.bias_px[kTrail] = std::clamp(model_.bias_px[kTrail] + error.b[kTrail], 0.0, errors_.most_trail_px());
+    model_.bias[kOffset] = std::clamp(model_.bias[kOffset] + error.b[kOffset], 0.0, most_offset_px);
+    model_.bias[kTrail] = std::clamp(model_.bias[kTrail] + error.b[kTrail], 0.0, errors_.most_trail_px());
+    constexpr double kMostSigmas = 5;
+    const double most_ms = kMostSigmas * 1e3 * settings_.initial_sigma_off_delay_s;
+    model_.bias[kOffDelay] = std::clamp(model_.bias[kOffDelay] + error.b[kOffDelay], -most_ms, most_ms);
   }
 
   void measure_errors() noexcept {
     const MotionBound& bound = motion_.bound();
     errors_.measure(statistics_.spread_px2(), px_per_s(), signal_weight_ == 1,
-                    bound.is_set() ? bound.events_per_passage() : 0, model_.bias_px[kTrail]);
+                    bound.is_set() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
   }
 
   // The motion by which the model tells events of moving edges from noise.
@@ -368,7 +376,8 @@ class KalmanUpdate {
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
   std::array<double, kBiases> initial_bias_variances() const noexcept {
-    return {squared(settings_.initial_sigma_offset_px), squared(settings_.initial_sigma_trail_px)};
+    return {squared(settings_.initial_sigma_offset_px), squared(settings_.initial_sigma_trail_px),
+            squared(1e3 * settings_.initial_sigma_off_delay_s)};
   }
 
   double px_per_s() const noexcept { return motion_.px_per_s(state_.twist, statistics_); }

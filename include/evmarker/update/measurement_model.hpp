@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "evmarker/base/vector.hpp"
+#include "evmarker/matching/correspondence.hpp"
 #include "evmarker/simd/lanes.hpp"
 #include "evmarker/update/error_state.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
@@ -12,7 +13,7 @@
 namespace evmarker {
 
 /// Indices of the biases in ErrorState::b.
-inline constexpr std::size_t kOffset = 0, kTrail = 1;
+inline constexpr std::size_t kOffset = 0, kTrail = 1, kOffDelay = 2;
 
 /// The measurement of one event.
 struct EventMeasurement {
@@ -31,12 +32,16 @@ struct EventMeasurement {
 /// trail toward the bright side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the
 /// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to the
 /// inverse of that logarithm; `contrast` below is the logarithm, relative to the mean of all edges, see EdgeContrasts.
+/// OFF delay: how much later [ms] OFF events come than ON events, which may be negative: pixels answer more slowly in
+/// the dark, and the polarity with the smaller threshold makes more events, each followed by a dead time. So ON events
+/// lie half of it times the edge's speed ahead of the others' mean, and OFF events as much behind it. Ignored, edges of
+/// different speed seem to be off by different lengths: a marker that turns in its own plane looks tilted.
 struct MeasurementModel {
-  std::array<double, kBiases> bias_px{};  ///< edge offset, trail
-  double robust_px = 1;                   ///< scale of the Cauchy weights
-  double spread_px2 = 1;                  ///< mean squared residual [px^2]
-  double response_s = 0;                  ///< by which the sensor's events are spread in time, see ResponseTime
-  Vec6 twist{};                           ///< of the marker [m/s, rad/s]
+  std::array<double, kBiases> bias{};  ///< edge offset [px], trail [px], OFF delay [ms]
+  double robust_px = 1;                ///< scale of the Cauchy weights
+  double spread_px2 = 1;               ///< mean squared residual [px^2]
+  double response_s = 0;               ///< by which the sensor's events are spread in time, see ResponseTime
+  Vec6 twist{};                        ///< of the marker [m/s, rad/s]
   /// Standard deviation of an edge's speed along its normal, by what is not known of `twist`; positive [px/s].
   double speed_deviation_px_per_s = 1e-3;
   double noise_px_per_s = 0;  ///< speed of an edge that makes as many events as there is noise on it
@@ -47,13 +52,21 @@ struct MeasurementModel {
   /// @param s 1 if it is known on which side the edge is dark, to which the normal points then; else 0
   /// @param p polarity
   /// @param contrast of the edge: its logarithm, relative to the mean of all
-  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p,
-                                            double contrast = 1) const noexcept {
-    return distance_px - s * contrast * bias_px[kOffset] + s * p / contrast * bias_px[kTrail];
+  /// @param px_per_s speed of the edge along its normal
+  [[gnu::always_inline]] double residual_px(double distance_px, double s, double p, double contrast,
+                                            double px_per_s) const noexcept {
+    return distance_px - s * contrast * bias[kOffset] + s * p / contrast * bias[kTrail] -
+           by_off_delay(p, px_per_s) * bias[kOffDelay];
+  }
+  /// The same for an event with its edge.
+  /// @param lever E - T [m]
+  double residual_px(const Correspondence& c, Vec3 lever) const noexcept {
+    return residual_px(c.distance_px, c.dark_side_known ? 1 : 0, c.polarity, c.contrast,
+                       px_per_s(c.gradient, cross(lever, c.gradient)));
   }
 
   /// The measurement of an event: one row [J; d] of d = J [pose; biases], these being errors of the state, with
-  /// J = [g, (E - T) x g, s c, -s p / c], T the marker's origin and c the edge's `contrast`.
+  /// J = [g, (E - T) x g, s c, -s p / c, p v / 2], T the marker's origin, c the edge's `contrast` and v its speed.
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
@@ -62,13 +75,15 @@ struct MeasurementModel {
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                   double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
-    const double residual = residual_px(distance_px, s, p, contrast), residual2 = residual * residual;
-    const double toward_dark_px_per_s = time_direction * (dot(g, twist.t) + dot(by_rotation, twist.r));
+    const double toward_dark_px_per_s = px_per_s(g, by_rotation);
+    const double residual = residual_px(distance_px, s, p, contrast, toward_dark_px_per_s),
+                 residual2 = residual * residual;
     const double smear_px = response_s * toward_dark_px_per_s, base2 = robust_px * robust_px;
     const double robust2 = base2 + smear_px * smear_px;
     const double weight =
         signal_share(toward_dark_px_per_s, s * p) * end_weight(from_end_px2) * robust2 / (robust2 + residual2);
-    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast, residual},
+    return {{g.x, g.y, g.z, by_rotation.x, by_rotation.y, by_rotation.z, s * contrast, -s * p / contrast,
+             by_off_delay(p, toward_dark_px_per_s), residual},
             // Across an edge of little contrast, one step of light is a longer way, and where its events lie is less
             // certain: the standard deviation goes with 1 / contrast.
             simd::smaller(contrast * contrast * weight, weight),
@@ -79,6 +94,16 @@ struct MeasurementModel {
   }
 
  private:
+  // Speed of an edge along its normal.
+  [[gnu::always_inline]] double px_per_s(Vec3 g, Vec3 by_rotation) const noexcept {
+    return time_direction * (dot(g, twist.t) + dot(by_rotation, twist.r));
+  }
+
+  // By how much an OFF delay of 1 ms shifts an event along its edge's normal [px/ms].
+  [[gnu::always_inline]] static double by_off_delay(double p, double px_per_s) noexcept {
+    return 0.5e-3 * p * px_per_s;
+  }
+
   // Probability that an event comes from its edge, and is not noise. An edge makes ON events while it moves toward the
   // dark, and OFF events while it moves away from it, in number proportional to its speed.
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {

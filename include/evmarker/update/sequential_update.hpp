@@ -65,17 +65,17 @@ class SequentialUpdate {
       return Each(&rows.row[place][first]);
     };
     innovation_ = of_each(kD);
-#pragma GCC unroll 2
+#pragma GCC unroll 3
     for (std::size_t b = 0; b < kBiases; ++b) {
       innovation_.subtract(error.b[b], of_each(kPose + b));
-#pragma GCC unroll 2
+#pragma GCC unroll 3
       for (std::size_t c = 0; c < kBiases; ++c) PJ_b_[b].add(P.bb[b][c], of_each(kPose + c));
 #pragma GCC unroll 8
       for (std::size_t k = 0; k < kPose; ++k) PJ_b_[b].add(P.xb[b].data()[k], of_each(k));
     }
 #pragma GCC unroll 8
     for (std::size_t k = 0; k < kPose; ++k) innovation_.subtract(error.x.data()[k], of_each(k));
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (std::size_t k = 0; k < MeasurementRows::kStates; ++k) {
       const Column column(k < kPose ? P.xx.data() + 12 * k : P.xb[k - kPose].data());
 #pragma GCC unroll 4
@@ -85,7 +85,7 @@ class SequentialUpdate {
     for (std::size_t m = 0; m < kCount; ++m) {
 #pragma GCC unroll 8
       for (std::size_t k = 0; k < kPose; ++k) JPJ_[m].add(PJ_[m][k], of_each(k));
-#pragma GCC unroll 2
+#pragma GCC unroll 3
       for (std::size_t b = 0; b < kBiases; ++b) JPJ_[m].add(PJ_b_[b][m], of_each(kPose + b));
       S_[m] = 1 / (information * rows.weight[first + m]);  // R; `condition` adds J P J^T
     }
@@ -109,7 +109,7 @@ class SequentialUpdate {
         JPJ_[later].subtract(effect[later], JPJ_[m]);
         PJ_[later].subtract(effect[later], PJ_[m]);
       }
-#pragma GCC unroll 2
+#pragma GCC unroll 3
       for (std::size_t b = 0; b < kBiases; ++b) PJ_b_[b].subtract(PJ_b_at_turn_[b][m], effect);
       const double innovation = innovation_[m];
       innovation_.subtract(innovation, effect);
@@ -142,10 +142,10 @@ class SequentialUpdate {
 #pragma GCC unroll 4
     for (std::size_t m = 0; m < kCount; ++m) {
       x.add(innovation_by_S_[m], PJ_[m]);
-#pragma GCC unroll 2
+#pragma GCC unroll 3
       for (std::size_t b = 0; b < kBiases; ++b) {
         error.b[b] += innovation_by_S_[m] * PJ_b_at_turn_[b][m];
-#pragma GCC unroll 2
+#pragma GCC unroll 3
         for (std::size_t c = 0; c < kBiases; ++c) P.bb[b][c] -= by_S_[m] * PJ_b_at_turn_[b][m] * PJ_b_at_turn_[c][m];
       }
     }

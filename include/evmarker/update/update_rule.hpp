@@ -83,7 +83,7 @@ concept SensorEstimatingRule = MotionEstimatingRule<R> && SmearEstimatingRule<R>
   /// state and pose.
   { rule.measure_trail(T_camera_marker, events_per_passage) } noexcept;
   /// Signed distance of an event from where its edge makes events [px].
-  { constant.residual_px(correspondence) } noexcept -> std::same_as<double>;
+  { constant.residual_px(correspondence, T_camera_marker) } noexcept -> std::same_as<double>;
   /// How far on the dark side of an edge its events lie, and how far behind it while it moves [px].
   { constant.edge_offset_px() } noexcept -> std::same_as<double>;
   { constant.trail_px() } noexcept -> std::same_as<double>;
