@@ -99,3 +99,21 @@ TEST_CASE("edge scatter: without events, or with edges that leave a direction op
   CHECK(scatter.covariance() == Matrix6d::Zero());
   CHECK(scatter.variance_px2() == doctest::Approx(0.01));
 }
+
+TEST_CASE("edge scatter: too few rows tell nothing yet, and count once there are enough") {
+  std::mt19937 random(7);
+  const std::vector<Row7> rows = rows_of_edges(40, random);
+  EdgeScatter scatter;
+  const auto add = [&](std::size_t first, std::size_t end) {
+    for (std::size_t edge = first; edge < end; ++edge) {
+      scatter.add(static_cast<int>(edge), edge % 2 == 0 ? 0.1 : -0.1, 1);
+      scatter.add_row(as_array(rows[edge]), 1);
+    }
+    scatter.evaluate();
+  };
+  add(0, 20);
+  CHECK(scatter.covariance() == Matrix6d::Zero());
+  add(20, 40);
+  CHECK(scatter.covariance().trace() > 0);
+  CHECK(scatter.variance_px2() == doctest::Approx(0.01));
+}

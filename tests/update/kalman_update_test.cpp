@@ -422,7 +422,7 @@ TEST_CASE("how far events trail is learned when the motion turns, and the pose d
     }
 }
 
-TEST_CASE("how much later OFF events come is learned, and does not look like another pose") {
+TEST_CASE("how much later OFF events come is learned, and does not become an edge offset") {
   for (const double off_delay_s : {3e-4, -3e-4, 0.0})
     for (const int n : {1, 20, 100}) {
       CAPTURE(off_delay_s);
@@ -436,6 +436,9 @@ TEST_CASE("how much later OFF events come is learned, and does not look like ano
                      << " of 0.3 px, error " << 1e3 * error << " mm, without it " << 1e3 * ignorant << " mm");
       CHECK(std::abs(with.rule().off_delay_s() - off_delay_s) < 3e-5);
       CHECK(std::abs(with.rule().edge_offset_px() - 0.3) < 0.02);
+      if (off_delay_s == 0) continue;
+      CHECK(std::abs(without.rule().edge_offset_px() - 0.3) > 0.05);
+      CHECK(error < ignorant);
     }
 }
 

@@ -31,13 +31,13 @@ class EdgeScatter {
     for (std::size_t k = 0; k < kStates; ++k)
       for (std::size_t i = 0; i <= k; ++i) rows_[k][i] += weight * row[k] * row[i];
     rows_weight_ += weight;
-    ++rows_count_;
+    ++row_count_;
   }
 
   /// Evaluates what has been added, and begins anew: to be called when the edges have moved by several times their
-  /// width, so that the events on both sides of them have cancelled.
+  /// width, so that the events on both sides of them have cancelled. Goes on adding while there are too few rows.
   void evaluate() noexcept {
-    if (rows_count_ < kFewestRows) return;
+    if (row_count_ < kFewestRows) return;
     double squares = 0, weight = 0, weight2 = 0;
     for (const simd::Pair& edge : edges_) {
       const double edge_weight = edge[1];
@@ -55,7 +55,7 @@ class EdgeScatter {
     edges_ = {};
     rows_ = {};
     rows_weight_ = 0;
-    rows_count_ = 0;
+    row_count_ = 0;
   }
 
   /// Covariance of the pose by the errors of the edges, order as in PoseEstimate; zero until the first evaluation.
@@ -97,7 +97,7 @@ class EdgeScatter {
   std::array<simd::Pair, kEdges> edges_{};  // of each, the sums of weight residual and of weight
   std::array<Row, kStates> rows_{};         // sum of weight row row^T, lower triangle
   double rows_weight_ = 0;
-  int rows_count_ = 0;
+  int row_count_ = 0;
   double variance_px2_ = 0, share_of_known_dark_sides_ = 0;
   bool known_ = false;
   Matrix6d covariance_ = Matrix6d::Zero();

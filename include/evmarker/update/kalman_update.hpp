@@ -293,7 +293,7 @@ class KalmanUpdate {
       statistics_.update_means(count);
       model_.spread_px2 = statistics_.spread_px2();
     }
-    if (count > 0) {  // by the events if it is known how many they are in a pixel's way, else by the velocity
+    if (count > 0) {  // by their number, or by the velocity until it is known how many events a passage has
       const MotionBound& bound = motion_.bound();
       errors_.add_motion(bound.is_set() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
     }
@@ -342,7 +342,7 @@ class KalmanUpdate {
     const double most_offset_px = std::sqrt(std::max(statistics_.spread_px2(), 0.25));
     model_.bias[kOffset] = std::clamp(model_.bias[kOffset] + error.b[kOffset], 0.0, most_offset_px);
     model_.bias[kTrail] = std::clamp(model_.bias[kTrail] + error.b[kTrail], 0.0, errors_.most_trail_px());
-    constexpr double kMostSigmas = 5;
+    constexpr double kMostSigmas = 5;  // no sensor's delays differ by more
     const double most_ms = kMostSigmas * 1e3 * settings_.initial_sigma_off_delay_s;
     model_.bias[kOffDelay] = std::clamp(model_.bias[kOffDelay] + error.b[kOffDelay], -most_ms, most_ms);
   }

@@ -32,10 +32,11 @@ struct EventMeasurement {
 /// trail toward the bright side, OFF events one trail toward the dark side, whatever the motion. Ignored, it makes the
 /// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to the
 /// inverse of that logarithm; `contrast` below is the logarithm, relative to the mean of all edges, see EdgeContrasts.
-/// OFF delay: how much later [ms] OFF events come than ON events, which may be negative: pixels answer more slowly in
-/// the dark, and the polarity with the smaller threshold makes more events, each followed by a dead time. So ON events
-/// lie half of it times the edge's speed ahead of the others' mean, and OFF events as much behind it. Ignored, edges of
-/// different speed seem to be off by different lengths: a marker that turns in its own plane looks tilted.
+/// OFF delay: how much later OFF events come than ON events; negative if they come earlier. Pixels answer more slowly
+/// in the dark, and the polarity with the smaller threshold makes more events, each followed by a dead time. ON events
+/// lie ahead of the mean of both polarities by the way that their edge makes in half of that delay, and OFF events as
+/// far behind it, both toward the dark side. Ignored, it becomes part of the edge offset, which then changes with the
+/// speed.
 struct MeasurementModel {
   std::array<double, kBiases> bias{};  ///< edge offset [px], trail [px], OFF delay [ms]
   double robust_px = 1;                ///< scale of the Cauchy weights
@@ -66,7 +67,8 @@ struct MeasurementModel {
   }
 
   /// The measurement of an event: one row [J; d] of d = J [pose; biases], these being errors of the state, with
-  /// J = [g, (E - T) x g, s c, -s p / c, p v / 2], T the marker's origin, c the edge's `contrast` and v its speed.
+  /// J = [g, (E - T) x g, s c, -s p / c, p v / 2], T the marker's origin, c the edge's `contrast`, v its
+  /// speed toward the dark [px/ms].
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
