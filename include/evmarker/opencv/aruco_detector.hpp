@@ -105,7 +105,7 @@ class ArucoDetector {
   /// Searches the last frame given to `detect` for a marker near a pose; empty if it is not seen.
   std::optional<MarkerDetection> search(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
     const auto fit = fit_pose(id, model(id), T_camera_marker);
-    return fit ? std::optional(make_detection(id, fit->T_camera_marker)) : std::nullopt;
+    return fit && is_marker(id, *fit) ? std::optional(make_detection(id, fit->T_camera_marker)) : std::nullopt;
   }
 
   /// All markers that `detect` may find.
@@ -201,22 +201,25 @@ class ArucoDetector {
     };
     std::ranges::for_each(solve_planar_pnp(camera_, corners, settings_.length(id)), fit_from);
     if (fits.empty()) return std::nullopt;
-    constexpr double kSamePose = 0.1;                // [rad]
-    const auto differs = [&](const FrameFit& fit) {  // from the first; once they are sorted, from the best
-      return geodesic_angle(fits[0].T_camera_marker.linear(), fit.T_camera_marker.linear()) > kSamePose;
+    constexpr double kSamePose = 0.1;  // [rad]
+    const auto differ = [&](const FrameFit& a, const FrameFit& b) {
+      return geodesic_angle(a.T_camera_marker.linear(), b.T_camera_marker.linear()) > kSamePose;
     };
     // If the starts led to one pose only, try its mirror image.
-    if (std::ranges::none_of(fits, differs)) fit_from(mirrored(fits[0].T_camera_marker));
+    if (!differ(fits.front(), fits.back())) fit_from(mirrored(fits[0].T_camera_marker));
     std::ranges::sort(fits, {}, &FrameFit::cost_px);
+    const auto fit = std::ranges::find_if(fits, [&](const FrameFit& any) { return is_marker(id, any); });
+    if (fit == fits.end()) return std::nullopt;
 
-    MarkerDetection detection = make_detection(id, fits[0].T_camera_marker);
-    const auto other = std::ranges::find_if(fits, differs);
+    MarkerDetection detection = make_detection(id, fit->T_camera_marker);
+    // That this is the marker does not say that this is the pose: of the other one, only the cost counts.
+    const auto other = std::ranges::find_if(fits, [&](const FrameFit& any) { return differ(any, *fit); });
     // If only one of the two poses has been fitted, and badly, the other one may still be the true one.
-    if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fits[0].cost_px)
+    if (other != fits.end() && other->cost_px <= settings_.max_alternative_ratio * fit->cost_px)
       detection.T_camera_marker_alternative = other->T_camera_marker;
-    else if (other == fits.end() && fits[0].cost_px > kGoodCost_px)
-      detection.T_camera_marker_alternative = mirrored(fits[0].T_camera_marker);
-    return Candidate{detection, fits[0].cost_px};
+    else if (other == fits.end() && fit->cost_px > kGoodCost_px)
+      detection.T_camera_marker_alternative = mirrored(fit->T_camera_marker);
+    return Candidate{detection, fit->cost_px};
   }
 
   MarkerDetection make_detection(MarkerId id, const Eigen::Isometry3d& T_camera_marker) const {
@@ -234,15 +237,16 @@ class ArucoDetector {
     return std::clamp(0.4 * marker_px / (dictionary_.markerSize + 2 * settings_.border_cells), 1.5, 4.0);
   }
 
-  // Fits a pose to the frame, starting from T. Empty if the frame does not show enough of the marker's edges and code.
+  // Fits a pose to the frame, starting from T.
   std::optional<FrameFit> fit_pose(MarkerId id, const MarkerModel& wireframe, const Eigen::Isometry3d& T) const {
-    const auto fit = fit_to_frame(camera_, image_, wireframe, T, reach_px(id, T));
-    if (!fit || fit->support < settings_.min_edge_support || fit->contradicted_edges > kMostContradictedEdges)
-      return std::nullopt;
-    if (read_code(camera_, image_, bits(id), settings_.length(id), fit->T_camera_marker).agreement <
-        settings_.min_agreement)
-      return std::nullopt;
-    return fit;
+    return fit_to_frame(camera_, image_, wireframe, T, reach_px(id, T));
+  }
+
+  // True if the frame shows enough of the marker's edges and code at a pose.
+  bool is_marker(MarkerId id, const FrameFit& fit) const {
+    if (fit.support < settings_.min_edge_support || fit.contradicted_edges > kMostContradictedEdges) return false;
+    return read_code(camera_, image_, bits(id), settings_.length(id), fit.T_camera_marker).agreement >=
+           settings_.min_agreement;
   }
 
   Camera camera_;
