@@ -110,3 +110,36 @@ TEST_CASE("events may be missing for as long as either pose survives that") {
   CHECK(one_survives > 0);
   CHECK(none_survives > 0);
 }
+
+TEST_CASE("between two poses that lag behind a fast marker nothing is decided: not at the mirrored one") {
+  // Two of eight seeds in 120 that used to end at the mirrored pose; four still do.
+  const PinholeCamera camera({1280, 720}, 1300, 1300, 639.5, 359.5);
+  const UndistortionTable lines(camera);
+  const MarkerModel model = make_code_marker(simulated::kMarkerLength, simulated::code());
+  for (const std::uint64_t seed : {31u, 43u}) {
+    Eigen::Isometry3d centre = facing_pose({0, 0, 2.6});  // 50 px wide
+    centre.linear() =
+        Eigen::AngleAxisd(0.8, Eigen::Vector3d(1, 0.3, 0).normalized()).toRotationMatrix() * centre.linear();
+    const Trajectory motion = trajectory::handheld({.T_centre = centre,
+                                                    .amplitude_m = {0.8, 0.5, 0.4},
+                                                    .amplitude_rad = {0.1, 0.1, 0.3},
+                                                    .frequency_hz = 3,
+                                                    .seed = seed});
+    const auto events =
+        simulated::record({camera,
+                           {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+                           SimulatorSettings{.duration_s = 0.05, .seed = seed, .light_time_constant_us = 50}});
+    REQUIRE(events.size() > 10000);
+    for (const bool right_one_first : {true, false}) {
+      CAPTURE(seed);
+      CAPTURE(right_one_first);
+      PlanarHypotheses<KalmanUpdate> marker(lines, model, detection(motion(0), mirrored(motion(0)), right_one_first),
+                                            {.start_search = std::nullopt});
+      AccuracyMeter meter;
+      marker.push(events, [&](const PoseEstimate& pose, const Event&) { meter.add(pose, motion(seconds(pose.t))); });
+      MESSAGE(meter.tracking() << " poses, off by at most " << meter.rotation_deg().max << " deg");
+      REQUIRE(meter.tracking() > 1000);
+      CHECK(meter.rotation_deg().max < 5);  // measured 1.9 to 2.3
+    }
+  }
+}

@@ -14,10 +14,12 @@
 #include "evmarker/matching/matching_share.hpp"
 #include "evmarker/matching/model_matcher.hpp"
 #include "evmarker/model/planar_ambiguity.hpp"
+#include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
 #include "evmarker/tracking/edge_follower_settings.hpp"
 #include "evmarker/tracking/edge_length.hpp"
+#include "evmarker/tracking/pose_comparison.hpp"
 #include "evmarker/tracking/update_interval.hpp"
 #include "evmarker/update/update_rule.hpp"
 
@@ -143,9 +145,22 @@ class EdgeFollower {
     rule_.transform(mirrored_motion(T_camera_marker_, plane));
     start_from(mirrored(T_camera_marker_, plane));
   }
-  /// Says that another pose may be the right one.
-  /// @param deviation see MirrorableRule
-  void set_other_pose(const Vec6& deviation) noexcept requires MirrorableRule<Rule> { rule_.set_other_pose(deviation); }
+  /// True once the pose follows the marker's motion since the start or since it was mirrored, where the rule can tell.
+  bool follows_motion() const noexcept {
+    if constexpr (MirrorableRule<Rule>)
+      return rule_.follows_motion();
+    else
+      return true;
+  }
+  /// Says with which probability another pose is the right one, until the next call: the covariance then has the second
+  /// moment of both about the present one. A rule that is no MirrorableRule ignores it.
+  void set_other_pose(const Eigen::Isometry3d& T_camera_marker, double probability) noexcept {
+    if constexpr (MirrorableRule<Rule>)
+      rule_.set_other_pose(std::sqrt(probability) * Vec6(pose_difference(T_camera_marker_, T_camera_marker)));
+  }
+  void set_no_other_pose() noexcept {
+    if constexpr (MirrorableRule<Rule>) rule_.set_other_pose({});
+  }
 
   /// Prepares for past events, the newest first. The caller mirrors their times, so that they still increase.
   void reverse() noexcept {
@@ -153,17 +168,16 @@ class EdgeFollower {
     start_collecting();
   }
 
-  /// How badly the present pose explains an event: squared distance from where its edge makes events [px^2]. At most 1:
-  /// an event farther away is noise or another edge's. For a rule without a motion model, whose pose lags, at most the
-  /// squared matching distance.
-  double squared_residual_px2(Vec2 m, double polarity) const noexcept {
-    const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px(), most_px2 = most_px * most_px;
+  /// How badly the present pose explains an event, at most 1 px: one farther away is noise or another edge's. For a
+  /// rule without a motion model, whose pose lags, at most the matching distance.
+  EdgeResidual residual(Vec2 m, double polarity) const noexcept {
+    const double most_px = MotionEstimatingRule<Rule> ? 1 : matcher_.max_distance_px();
     Correspondence c;
-    if (matcher_.match(m, c) != MatchResult::matched) return most_px2;
+    if (matcher_.match(m, c) != MatchResult::matched) return {.px = most_px};
     c.polarity = polarity;
     c.contrast = contrast(c.segment);
     if constexpr (SensorEstimatingRule<Rule>) c.distance_px = rule_.residual_px(c, T_camera_marker_);
-    return std::min(c.distance_px * c.distance_px, most_px2);
+    return {c.segment, std::clamp(c.distance_px, -most_px, most_px)};
   }
 
   const Eigen::Isometry3d& T_camera_marker() const noexcept { return T_camera_marker_; }

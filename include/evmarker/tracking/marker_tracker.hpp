@@ -129,6 +129,7 @@ class MarkerTracker {
     }
     if (!had_near_event_ && !start_pending_) return nullptr;
     tilt_.stop(follower_);
+    follower_.set_no_other_pose();
     if constexpr (MotionEstimatingRule<Rule>) {
       const Timestamp t = later(t_, missing);
       if (!start_pending_ && vertices_known_to_matching_distance(pose_at(t))) {
@@ -165,12 +166,23 @@ class MarkerTracker {
   }
 
   /// Keeps the state `converging` while the caller has another pose that may be the right one.
-  void set_ambiguous(bool ambiguous) noexcept { ambiguous_ = ambiguous; }
-  /// See EdgeFollower::squared_residual_px2; 0 for an event off the sensor.
-  double squared_residual_px2(const Event& event) const noexcept {
+  void set_ambiguous(bool ambiguous) noexcept {
+    ambiguous_ = ambiguous;
+    if (!ambiguous) follower_.set_no_other_pose();
+  }
+  /// See EdgeFollower::set_other_pose; holds until the next update.
+  void set_other_pose(const Eigen::Isometry3d& T_camera_marker, double probability) noexcept {
+    follower_.set_other_pose(T_camera_marker, probability);
+  }
+  /// See TiltCheck::doubt.
+  void doubt_tilt(bool both_alike) noexcept { tilt_.doubt(follower_, both_alike); }
+  /// See EdgeFollower::follows_motion.
+  bool follows_motion() const noexcept { return follower_.follows_motion(); }
+  /// See EdgeFollower::residual; 0 for an event off the sensor.
+  EdgeResidual residual(const Event& event) const noexcept {
     return lines_of_sight_.sensor_size().contains(event.x, event.y)
-               ? follower_.squared_residual_px2(lines_of_sight_(event), polarity(event))
-               : 0;
+               ? follower_.residual(lines_of_sight_(event), polarity(event))
+               : EdgeResidual();
   }
 
   /// Events with lines of sight (X/Z, Y/Z) outside of this box have no effect. It holds until the next pose.
@@ -280,6 +292,7 @@ class MarkerTracker {
   // Counts an update, and lets the state converge.
   void after_update() noexcept {
     progress_.add_update(follower_.last_update().matched, t_);
+    if (ambiguous_) follower_.set_no_other_pose();
     pose_.quality.updated_t = t_;
     if (!ambiguous_ && tilt_.judge(follower_)) {
       verification_.restart(follower_);

@@ -93,11 +93,15 @@ class PlanarHypotheses {
 
   // Not inlined: it is needed for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
-    comparison_.add(tracker_.squared_residual_px2(event), rival_->squared_residual_px2(event));
+    if (tracker_.follows_motion() && rival_->follows_motion())
+      comparison_.add(tracker_.residual(event), rival_->residual(event));
     rival_->push_checked(event);
     const PoseEstimate* const pose = tracker_.push_checked(event);
+    if (!pose) return nullptr;
     // Before the pose is handed on: a loss is not reported if the other pose goes on.
-    return pose && can_decide() && keep_better() ? &tracker_.refresh_pose() : pose;
+    if (can_decide()) return keep_better() ? &tracker_.refresh_pose() : pose;
+    tracker_.set_other_pose(rival_->T_camera_marker(), comparison_.probability_of_second());
+    return &tracker_.refresh_pose();
   }
 
   bool can_decide() const noexcept {
@@ -115,9 +119,10 @@ class PlanarHypotheses {
 
   // Keeps the better pose and drops the other. True if the rival's was kept.
   bool keep_better() noexcept {
-    const bool rival_is_better = rival_->state() != TrackingState::lost && (lost() || comparison_.z() < 0);
+    const bool rival_is_better = rival_->state() != TrackingState::lost && (lost() || comparison_.second_is_nearer());
     if (rival_is_better) std::swap(tracker_, *rival_);
     set_ambiguous(false);
+    if (!comparison_.decided()) tracker_.doubt_tilt(alike());
     return rival_is_better;
   }
 

@@ -1,20 +1,39 @@
 #pragma once
 // Compares which of two similar-looking poses explains the events better.
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
+
+#include "evmarker/simd/pack.hpp"
 
 namespace evmarker {
 
-/// Sums how much nearer each event lies to the edges of the first pose than to those of the second, and the variance of
-/// this sum. Events of one passage of an edge err together; sums of 64 events are assumed to be independent.
+/// How far an event lies from where the nearest edge of a pose makes events.
+struct EdgeResidual {
+  int segment = -1;  ///< of the model; -1 where the pose has no edge near
+  double px = 0;     ///< signed; where there is no edge, as far as an event can be from one
+};
+
+/// Compares by how much nearer each event lies to the edges of one pose than to those of the other. The difference is
+/// judged twice, and must be beyond chance both times:
+///
+/// By events, against the variance of their sum. Events of one passage of an edge err together; sums of 64 events are
+/// assumed to be independent.
+///
+/// By edges, as no number of events averages out what a whole edge is off by. At the right pose, the mean residuals of
+/// k edges are only these errors, of a variance that is not known. With S1 and S2 the mean squares at the two poses,
+/// the logarithm of the likelihood ratio is k / 2 ln(S2 / S1): that of z^2 / 2 at z standard deviations.
 class PoseComparison {
  public:
-  /// Adds one event.
-  /// @param squared_residual_px2,other_px2 its squared distances to the edges of the first and of the second pose; an
-  /// event with equal distances does not count
-  void add(double squared_residual_px2, double other_px2) noexcept {
-    if (squared_residual_px2 == other_px2) return;
-    group_ += other_px2 - squared_residual_px2;
+  /// Adds one event, by its residuals at the first and at the second pose. An event at equal distances does not count.
+  void add(const EdgeResidual& first, const EdgeResidual& second) noexcept {
+    const double difference_px2 = second.px * second.px - first.px * first.px;
+    if (difference_px2 == 0) return;
+    first_.add(first);
+    second_.add(second);
+    group_ += difference_px2;
     if (++events_ % kTogether != 0) return;
     sum_ += group_;
     variance_ += group_ * group_;
@@ -23,19 +42,65 @@ class PoseComparison {
 
   /// How many events count.
   int events() const noexcept { return events_; }
+  bool second_is_nearer() const noexcept { return sum_ < 0; }
 
-  /// By how many standard deviations the first pose is better; 0 while there are too few events.
-  double z() const noexcept { return events_ >= kFewest ? sum_ / std::sqrt(variance_ + kSmallest) : 0; }
-  /// True once the difference is beyond chance.
-  bool decided() const noexcept { return std::abs(z()) > kBeyondChance; }
-  /// Probability that the second pose is the right one.
-  double probability_of_second() const noexcept { return std::erfc(z() / std::numbers::sqrt2) / 2; }
+  /// True once events and edges both are beyond chance, and agree.
+  bool decided() const noexcept {
+    if (std::abs(z_by_events()) < kBeyondChance) return false;
+    const double by_edges = z_by_edges();
+    return std::abs(by_edges) > kBeyondChanceOfEdges && (by_edges < 0) == second_is_nearer();
+  }
+  /// Probability that the second pose is the right one; 1/2 while there are too few events, or events and edges
+  /// disagree.
+  double probability_of_second() const noexcept {
+    const double by_events = z_by_events(), by_edges = z_by_edges();
+    if (by_events * by_edges <= 0) return 0.5;
+    const double z = std::min(std::abs(by_events), std::abs(by_edges));
+    return std::erfc(std::copysign(z, by_events) / std::numbers::sqrt2) / 2;
+  }
 
  private:
-  static constexpr double kBeyondChance = 4;  // standard deviations
+  static constexpr double kBeyondChance = 4, kBeyondChanceOfEdges = 2;  // standard deviations
   static constexpr int kTogether = 64, kFewest = 16 * kTogether;
   static constexpr double kSmallest = 1e-12;
 
+  // Sums of the residuals of each edge; those whose numbers are equal modulo 64 count as one.
+  class Edges {
+   public:
+    void add(const EdgeResidual& residual) noexcept {
+      if (residual.segment >= 0)
+        edges_[static_cast<std::size_t>(residual.segment) % kEdges] += simd::Pair{residual.px, 1};
+    }
+    struct Scatter {
+      double px2;    // mean over the events of the squared mean residual of their edge
+      double edges;  // how many edges this effectively is of
+    };
+    Scatter scatter() const noexcept {
+      double squares = 0, events = 0, events2 = 0;
+      for (const simd::Pair& edge : edges_)
+        if (edge[1] > 0) {
+          squares += edge[0] * edge[0] / edge[1];
+          events += edge[1];
+          events2 += edge[1] * edge[1];
+        }
+      return events > 0 ? Scatter{squares / events, events * events / events2} : Scatter{0, 0};
+    }
+
+   private:
+    static constexpr std::size_t kEdges = 64;
+    std::array<simd::Pair, kEdges> edges_{};  // of each, the sum of its residuals [px], and their number
+  };
+
+  // By how many standard deviations the first pose is better; 0 while there are too few events.
+  double z_by_events() const noexcept { return events_ >= kFewest ? sum_ / std::sqrt(variance_ + kSmallest) : 0; }
+  double z_by_edges() const noexcept {
+    const auto [px2, edges] = first_.scatter();
+    const auto [other_px2, other_edges] = second_.scatter();
+    const double log_ratio = std::log((other_px2 + kSmallest) / (px2 + kSmallest));
+    return std::copysign(std::sqrt(std::min(edges, other_edges) * std::abs(log_ratio)), log_ratio);
+  }
+
+  Edges first_, second_;
   int events_ = 0;
   double group_ = 0, sum_ = 0, variance_ = 0;
 };

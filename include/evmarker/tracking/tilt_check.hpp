@@ -28,7 +28,7 @@ class TiltCheck {
   /// True while both poses are followed: every event that either reaches must be pushed.
   bool comparing() const noexcept { return phase_ == Phase::comparing; }
   /// True while the pose may be off by more than 20 deg.
-  bool doubtful() const noexcept { return comparing() && between_rad_ > kWild_rad; }
+  bool doubtful() const noexcept { return apart_rad_ > kWild_rad; }
 
   /// What both poses together reach, see MarkerTracker::reach.
   /// @param reach of the follower's pose
@@ -39,12 +39,7 @@ class TiltCheck {
 
   /// Takes an event that the follower has not taken yet, while both poses are followed.
   void push(const EdgeFollower<Rule>& follower, Vec2 m, Timestamp t, double polarity) noexcept {
-    const double squared_px2 = other_->squared_residual_px2(m, polarity);
-    const bool on_edge = squared_px2 < 1;  // 1 where there is none, see squared_residual_px2
-    if (settling_ > 0)
-      settling_ -= on_edge;
-    else
-      comparison_.add(follower.squared_residual_px2(m, polarity), squared_px2);
+    if (other_->follows_motion()) comparison_.add(follower.residual(m, polarity), other_->residual(m, polarity));
     other_->push(m, t, polarity);
   }
 
@@ -57,27 +52,43 @@ class TiltCheck {
     const double tilt = seen.tilt();
     switch (phase_) {
       case Phase::sure: {
-        const bool facing = tilt < kMostUnsure_rad && tilt < unsure_below(follower, seen);
-        if ((facing && was_tilted_) || tilt < kAlike_rad) {
-          phase_ = Phase::facing;
-          least_tilt_ = tilt;
-        }
-        was_tilted_ |= !facing;
+        const bool unsure = is_unsure(follower, seen);
+        if ((unsure && was_tilted_) || tilt < kAlike_rad) begin_to_face(seen);
+        was_tilted_ |= !unsure;
         if (phase_ == Phase::sure && size_px(follower, seen) > kGrown * asked_px_) ask_again(follower, seen);
         return false;
       }
       case Phase::facing:
         least_tilt_ = std::min(least_tilt_, tilt);
-        if (tilt > least_tilt_ + std::max(kAlike_rad, tilt_deviation(follower, seen))) begin_to_compare(follower);
+        apart_rad_ = 2 * tilt;
+        if (tilt > least_tilt_ + std::max(kAlike_rad, tilt_deviation(follower, seen))) begin_to_compare(follower, seen);
         return false;
-      case Phase::comparing: return decide(follower, tilt);
+      case Phase::comparing: return decide(follower, seen);
     }
     return false;
   }
 
+  /// Says that another pose has been dropped, although the events had not decided against it.
+  /// @param both_alike it was nearly the same pose
+  void doubt(EdgeFollower<Rule>& follower, bool both_alike) noexcept {
+    if (!other_) return;
+    const SeenPlane seen(follower.T_camera_marker(), *plane_);
+    if (!both_alike) {
+      least_tilt_ = 0;
+      begin_to_compare(follower, seen);
+    } else if (is_unsure(follower, seen)) {
+      begin_to_face(seen);
+    }
+  }
+
   /// Follows one pose only, as after a gap.
   void stop(EdgeFollower<Rule>& follower) noexcept {
-    if (comparing()) end_comparison(follower, Phase::facing);
+    if (!comparing()) return;
+    const bool in_doubt = apart_rad_ > 0;
+    end_comparison(follower);
+    if (!in_doubt) return;
+    begin_to_face(SeenPlane(follower.T_camera_marker(), *plane_));
+    least_tilt_ = 0;  // so that both poses are compared again at once
   }
 
  private:
@@ -110,10 +121,16 @@ class TiltCheck {
     return follower.matcher().focal_length() * plane_->size / norm(seen.centre);
   }
 
-  // The side of a smaller tilt is not sure: a tilt below sqrt(1 / size) shortens the marker by less than half a pixel,
-  // as 1 - cos(tilt) = tilt^2 / 2, and the estimated tilt may be wrong by kSigmas deviations.
-  double unsure_below(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
-    return std::sqrt(1 / size_px(follower, seen)) + kSigmas * tilt_deviation(follower, seen);
+  // True if the marker may as well be tilted to the other side, by what is known of the tilt.
+  bool is_unsure(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
+    const double tilt = seen.tilt();
+    return tilt < kMostUnsure_rad && tilt < kSigmas * tilt_deviation(follower, seen);
+  }
+
+  void begin_to_face(const SeenPlane& seen) noexcept {
+    phase_ = Phase::facing;
+    least_tilt_ = seen.tilt();
+    apart_rad_ = 2 * least_tilt_;  // the mirrored pose is twice the tilt away
   }
 
   // What was decided while the marker was smaller in the image may have been wrong.
@@ -122,49 +139,50 @@ class TiltCheck {
     asked_px_ = size_px(follower, seen);
     if (first) return;  // as it was detected: PlanarHypotheses decides
     least_tilt_ = 0;
-    begin_to_compare(follower);
+    begin_to_compare(follower, seen, true);
   }
 
-  void begin_to_compare(EdgeFollower<Rule>& follower) noexcept {
+  // Follows both poses from now on.
+  // @param trusted the pose is not in doubt before events speak for the other one
+  void begin_to_compare(EdgeFollower<Rule>& follower, const SeenPlane& seen, bool trusted = false) noexcept {
     if constexpr (MirrorableRule<Rule>) {
       *other_ = follower;
       other_->mirror(*plane_);
       comparison_ = {};
-      settling_ = follower.events_to_fix_pose();
+      trusted_ = trusted;
       phase_ = Phase::comparing;
-      tell(follower);
+      tell(follower, seen);
     }
   }
 
   // Ends the comparison when the poses have met, the events have decided, or the marker turns back.
-  bool decide(EdgeFollower<Rule>& follower, double tilt) noexcept {
-    tell(follower);
-    if (tilt < least_tilt_) {
-      least_tilt_ = tilt;
-      end_comparison(follower, Phase::facing);
-    } else if (between_rad_ < 2 * kAlike_rad || comparison_.decided()) {
-      const bool other_is_right = comparison_.decided() && comparison_.z() < 0;
-      if (other_is_right) follower = *other_;
-      end_comparison(follower, Phase::sure);
-      was_tilted_ = false;
-      return other_is_right;
-    }
-    return false;
+  bool decide(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
+    const double between_rad = tell(follower, seen), tilt = seen.tilt();
+    const bool turns_back = tilt < least_tilt_, decided = comparison_.decided();
+    if (!turns_back && !decided && between_rad > 2 * kAlike_rad) return false;
+    const bool other_is_right = !turns_back && decided && comparison_.second_is_nearer();
+    if (other_is_right) follower = *other_;
+    end_comparison(follower);
+    if (turns_back || (!decided && is_unsure(follower, seen))) begin_to_face(seen);
+    return other_is_right;
   }
 
-  // Measures the angle between both poses, and tells the follower of the other one, times the square root of its
-  // probability p: the covariance then has p d d^T of it, see MirrorableRule.
-  void tell(EdgeFollower<Rule>& follower) noexcept {
-    if constexpr (MirrorableRule<Rule>) {
-      const Vec6 to_other = Vec6(pose_difference(follower.T_camera_marker(), other_->T_camera_marker()));
-      between_rad_ = norm(to_other.r);
-      follower.set_other_pose(std::sqrt(comparison_.probability_of_second()) * to_other);
-    }
+  // Tells the follower of the other pose, and returns the angle between both.
+  double tell(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
+    const Eigen::Isometry3d &T = follower.T_camera_marker(), &T_other = other_->T_camera_marker();
+    const double between_rad = Eigen::AngleAxisd(T.linear().transpose() * T_other.linear()).angle();
+    const double probability = comparison_.probability_of_second();
+    const bool in_doubt = !trusted_ || probability > 0.5;
+    follower.set_other_pose(T_other, in_doubt ? probability : 0);
+    apart_rad_ = in_doubt ? between_rad + kSigmas * tilt_deviation(follower, seen) : 0;
+    return between_rad;
   }
 
-  void end_comparison(EdgeFollower<Rule>& follower, Phase next) noexcept {
-    phase_ = next;
-    if constexpr (MirrorableRule<Rule>) follower.set_other_pose({});
+  void end_comparison(EdgeFollower<Rule>& follower) noexcept {
+    phase_ = Phase::sure;
+    was_tilted_ = false;
+    apart_rad_ = 0;
+    follower.set_no_other_pose();
   }
 
   std::optional<ModelPlane> plane_;
@@ -173,11 +191,11 @@ class TiltCheck {
   // It was clearly tilted at some time since the start or the last decision. What was known of the side then holds
   // until it nearly faces the camera.
   bool was_tilted_ = false;
-  double asked_px_ = 0;     // size of the marker when `ask_again` last asked; 0 before it was judged
-  double least_tilt_ = 0;   // since it nearly faces the camera
-  double between_rad_ = 0;  // angle between both poses
-  int until_judged_ = 1;    // updates
-  int settling_ = 0;        // events that the mirrored pose still needs to settle, before it is compared
+  double asked_px_ = 0;    // size of the marker when `ask_again` last asked; 0 before it was judged
+  double least_tilt_ = 0;  // since it nearly faces the camera
+  double apart_rad_ = 0;   // how far the pose may be off, if it is tilted to the other side; 0 if it is not
+  int until_judged_ = 1;   // updates
+  bool trusted_ = false;   // see begin_to_compare
   PoseComparison comparison_;
 };
 

@@ -35,9 +35,7 @@ class KalmanUpdate {
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
     set_events_per_update(events_per_update);
     validate(settings);
-    const double sigmas[] = {settings.initial_sigma_t_m, settings.initial_sigma_r_rad, settings.initial_sigma_v_m_s,
-                             settings.initial_sigma_w_rad_s};
-    for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = squared(sigmas[i / 3]);
+    for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = initial_variance(i);
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
     model_.bias[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
@@ -195,11 +193,13 @@ class KalmanUpdate {
     move_to(T_camera_marker, t);
   }
 
-  /// Goes over to another pose, whose motions are J times those of the present one. Forgets the events since the last
-  /// update.
+  /// Goes over to another pose, whose motions are J times those of the present one, and which is nearly right: as a
+  /// start pose. Forgets the events since the last update.
   void transform(const Matrix6d& J) noexcept {
     forget_events();
     state_.transform(J);
+    for (int i = 0; i < 6; ++i) state_.P.xx(i, i) += initial_variance(i);
+    errors_.restart_motion();
     update_motion_of_model();
   }
 
@@ -216,13 +216,15 @@ class KalmanUpdate {
 
   /// Covariance of the pose, see PoseEstimate.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = covariance_by_events(errors_.delay_variance_s2(px_per_s()));
+    Matrix6d P = covariance_by_events(errors_.delay_variance_s2(px_per_s()), errors_.edge_factor());
     if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
     return P;
   }
-  /// The covariance without the part of another pose and, by default, without that of an unknown delay.
+  /// The covariance without the part of another pose and, by default, without those of an unknown delay and of what the
+  /// model does not explain.
   /// @param delay_s2 variance of an unknown delay, which shifts the pose along its twist [s^2]
-  [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0) const noexcept {
+  /// @param edge_factor see SystematicErrors
+  [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0, double edge_factor = 1) const noexcept {
     // By packs: the compiler would compute one element after the other, as P might overlap what it is computed from.
     using Column = simd::Pack<6, 128>;
     Matrix6d P;
@@ -233,7 +235,7 @@ class KalmanUpdate {
     }
     const std::array<double, 6> twist = state_.twist.array();
     const Column delayed((delay_s2 * state_.twist).array().data());
-    const double scale = settings_.covariance_scale, edge_factor = errors_.edge_factor();
+    const double scale = settings_.covariance_scale;
     for (Eigen::Index k = 0; k < 6; ++k) {
       Column column(&P(0, k));
       column.scale(scale);
@@ -252,6 +254,9 @@ class KalmanUpdate {
   double smear_px() const noexcept { return errors_.smear_px(px_per_s()); }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept { errors_.set_max_distance_px(distance_px); }
+  /// True once the edges have moved by their width since the start or `transform`: then the velocity is known. Until
+  /// then the pose lags behind the marker.
+  bool follows_motion() const noexcept { return errors_.edges_have_moved(); }
   /// See ModelMisfit.
   bool events_fill_distance() const noexcept { return errors_.events_fill_distance(); }
   /// Signed distance of an event from its edge, corrected for edge offset, trail and OFF delay [px].
@@ -374,6 +379,13 @@ class KalmanUpdate {
   }
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
+
+  // Of element i of pose and velocity.
+  double initial_variance(int i) const noexcept {
+    const double sigmas[] = {settings_.initial_sigma_t_m, settings_.initial_sigma_r_rad, settings_.initial_sigma_v_m_s,
+                             settings_.initial_sigma_w_rad_s};
+    return squared(sigmas[i / 3]);
+  }
 
   std::array<double, kBiases> initial_bias_variances() const noexcept {
     return {squared(settings_.initial_sigma_offset_px), squared(settings_.initial_sigma_trail_px),

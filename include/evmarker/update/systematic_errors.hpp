@@ -41,9 +41,19 @@ class SystematicErrors {
   /// @param spread_px2 mean squared residual
   void add_motion(double px, double spread_px2) noexcept {
     constexpr double kSpreads = 8;  // two to three times the width of an edge
+    constexpr double kWidth = 3.5;  // of an edge over which events lie evenly
     moved_px_ += px;
+    have_moved_ |= moved_px_ > kWidth * std::sqrt(spread_px2);
     if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate();
   }
+
+  /// To be called when the pose becomes another one.
+  void restart_motion() noexcept {
+    moved_px_ = 0;
+    have_moved_ = false;
+  }
+  /// True once the edges have moved by their own width, since the start or `restart_motion`.
+  bool edges_have_moved() const noexcept { return have_moved_; }
 
   /// Measures what the model does not explain. It is slow: once in some updates is enough.
   /// @param spread_px2 mean squared residual
@@ -124,6 +134,7 @@ class SystematicErrors {
   ModelMisfit misfit_;
   double max_distance_px_ = 2;  // of matched events
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
+  bool have_moved_ = false;     // by their width
   double edge_factor_ = 1;
   double most_trail_px_ = std::numeric_limits<double>::infinity();
 };

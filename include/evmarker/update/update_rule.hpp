@@ -103,9 +103,11 @@ concept TrailTakingRule = PoseUpdateRule<R> && requires(R& rule, double events_p
 template <typename R>
 concept MirrorableRule = MotionEstimatingRule<R> &&
     requires(R& rule, const R& constant, const Matrix6d& J, const Vec6& deviation) {
-  /// Covariance of the pose without what an unknown delay or another pose adds.
+  /// Covariance of the pose without what an unknown delay, errors of the model or another pose add.
   { constant.covariance_by_events() } -> std::same_as<Matrix6d>;
-  /// Goes over to another pose, whose motions are J times those of the present one.
+  /// True once the velocity is known, since the start or `transform`: the pose then does not lag behind the marker.
+  { constant.follows_motion() } -> std::same_as<bool>;
+  /// Goes over to another pose, whose motions are J times those of the present one, and which is nearly right.
   { rule.transform(J) } noexcept;
   /// Says that another pose may be right: `deviation` is the perturbation to it, times the square root of its
   /// probability. Its covariance says so, too.
