@@ -15,8 +15,9 @@ namespace evmarker {
 /// From afar, a flat marker looks nearly alike at two poses, tilted to one side of the line of sight or as much to the
 /// other, see `mirrored`. While it nearly faces the camera it makes few events, and a tracker cannot tell whether it
 /// goes on turning, to the other side, or turns back. From the moment it turns away again, both poses are followed
-/// until the events have decided; meanwhile the covariance covers both. Needs a MirrorableRule: with others it does
-/// nothing.
+/// until the events have decided; meanwhile the covariance covers both. A pose is trusted, and not in doubt before
+/// events speak for the other one, if all the time that it faced the camera its covariance excluded the other side.
+/// Needs a MirrorableRule: with others it does nothing.
 template <PoseUpdateRule Rule>
 class TiltCheck {
  public:
@@ -52,16 +53,18 @@ class TiltCheck {
     const double tilt = seen.tilt();
     switch (phase_) {
       case Phase::sure: {
-        const bool unsure = is_unsure(follower, seen);
-        if ((unsure && was_tilted_) || tilt < kAlike_rad) begin_to_face(seen);
-        was_tilted_ |= !unsure;
+        const bool facing = is_facing(follower, seen);
+        if ((facing && was_tilted_) || tilt < kAlike_rad) begin_to_face(seen, true);
+        was_tilted_ |= !facing;
         if (phase_ == Phase::sure && size_px(follower, seen) > kGrown * asked_px_) ask_again(follower, seen);
         return false;
       }
       case Phase::facing:
         least_tilt_ = std::min(least_tilt_, tilt);
-        apart_rad_ = 2 * tilt;
-        if (tilt > least_tilt_ + std::max(kAlike_rad, tilt_deviation(follower, seen))) begin_to_compare(follower, seen);
+        trusted_ = trusted_ && tilt > kAlike_rad && !is_unsure(follower, seen);
+        apart_rad_ = trusted_ ? 0 : 2 * tilt;
+        if (tilt > least_tilt_ + std::max(kAlike_rad, tilt_deviation(follower, seen)))
+          begin_to_compare(follower, seen, trusted_);
         return false;
       case Phase::comparing: return decide(follower, seen);
     }
@@ -127,10 +130,18 @@ class TiltCheck {
     return tilt < kMostUnsure_rad && tilt < kSigmas * tilt_deviation(follower, seen);
   }
 
-  void begin_to_face(const SeenPlane& seen) noexcept {
+  // True if the tilt shortens the marker by less than half a pixel, as 1 - cos(tilt) = tilt^2 / 2, or may do so.
+  bool is_facing(const EdgeFollower<Rule>& follower, const SeenPlane& seen) const noexcept {
+    const double tilt = seen.tilt();
+    return tilt < kMostUnsure_rad &&
+           tilt < std::sqrt(1 / size_px(follower, seen)) + kSigmas * tilt_deviation(follower, seen);
+  }
+
+  void begin_to_face(const SeenPlane& seen, bool trusted = false) noexcept {
     phase_ = Phase::facing;
+    trusted_ = trusted;
     least_tilt_ = seen.tilt();
-    apart_rad_ = 2 * least_tilt_;  // the mirrored pose is twice the tilt away
+    apart_rad_ = trusted ? 0 : 2 * least_tilt_;  // the mirrored pose is twice the tilt away
   }
 
   // What was decided while the marker was smaller in the image may have been wrong.
@@ -163,7 +174,7 @@ class TiltCheck {
     const bool other_is_right = !turns_back && decided && comparison_.second_is_nearer();
     if (other_is_right) follower = *other_;
     end_comparison(follower);
-    if (turns_back || (!decided && is_unsure(follower, seen))) begin_to_face(seen);
+    if (turns_back || (!decided && is_unsure(follower, seen))) begin_to_face(seen, trusted_);
     return other_is_right;
   }
 
@@ -195,7 +206,7 @@ class TiltCheck {
   double least_tilt_ = 0;  // since it nearly faces the camera
   double apart_rad_ = 0;   // how far the pose may be off, if it is tilted to the other side; 0 if it is not
   int until_judged_ = 1;   // updates
-  bool trusted_ = false;   // see begin_to_compare
+  bool trusted_ = false;   // while it faces the camera, and while both poses are followed
   PoseComparison comparison_;
 };
 
