@@ -90,6 +90,22 @@ TEST_CASE("Hdf5Reader: Prophesee's compounds, with their sensor size") {
   CHECK(shifted.next_batch()[1].t == events[1].t - events[0].t);
 }
 
+TEST_CASE("Hdf5Reader: compounds as in memory are kept or left out like others") {
+  const TemporaryFolder folder;
+  auto events = random_events({640, 480}, 20000, 3);
+  Hdf5Bytes file;
+  events[9000].p = -1;
+  events[9001].x = 640;
+  events[9002].t = events[9000].t - 1;
+  file.add_compounds("CD/events", events, kChunks);
+  file.add_attribute("geometry", "640x480");
+  Hdf5Reader reader(write_hdf5(folder, file));
+  events[9000].p = 0;
+  events.erase(events.begin() + 9001);
+  CHECK(drain(reader) == events);
+  CHECK(reader.statistics() == RecordingStatistics{.events = events.size(), .off_sensor = 1, .time_steps_back = 1});
+}
+
 TEST_CASE("Hdf5Reader: compounds of numbers of any kind and order of bytes, beside members that are passed over") {
   const TemporaryFolder folder;
   const auto events = random_events({640, 480}, 20000, 5);

@@ -16,6 +16,7 @@
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/header_lines.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/streaming_reader.hpp"
@@ -72,7 +73,7 @@ class Aedat3Reader final : public StreamingReader {
       for (end = begin; end < count && is_valid(end);) ++end;
       collector_.add_each(end - begin, [&](std::size_t i) {
         const std::uint32_t event = data(begin + i);
-        return RecordedEvent{event >> 17U, event >> 2U & 0x7FFFU, (event >> 1U & 1U) != 0, time(begin + i)};
+        return packed_event(event >> 17U, event >> 2U & 0x7FFFU, event >> 1U & 1U, time(begin + i));
       });
     }
     bytes_.skip(events.size());

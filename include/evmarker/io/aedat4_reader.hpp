@@ -20,6 +20,7 @@
 #include "evmarker/io/decompression.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/flatbuffer.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/streaming_reader.hpp"
@@ -79,9 +80,8 @@ class Aedat4Reader final : public StreamingReader {
     collector_.add_each(piece.size() / kEventBytes, [&](std::size_t i) {
       const std::byte* const event = &piece[kEventBytes * i];
       const auto data = load_word<std::uint64_t>(event + 8);  // x, y, ON; negative is beyond any sensor
-      return RecordedEvent{static_cast<std::uint16_t>(data), static_cast<std::uint16_t>(data >> 16U),
-                           static_cast<std::uint8_t>(data >> 32U) != 0,
-                           static_cast<Timestamp>(load_word<std::uint64_t>(event))};
+      return packed_event(data & 0xFFFFU, data >> 16U & 0xFFFFU, data >> 32U & 0xFFU,
+                          static_cast<Timestamp>(load_word<std::uint64_t>(event)));
     });
     return true;
   }

@@ -12,6 +12,7 @@
 #include "evmarker/io/block_reader.hpp"
 #include "evmarker/io/evt_words.hpp"
 #include "evmarker/io/header_lines.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/streaming_reader.hpp"
@@ -82,11 +83,11 @@ class DatReader final : public StreamingReader {
         collector_.add(TriggerEvent{static_cast<int>(data(i) >> 26U), (data(i) & 1U) != 0, time(i)});
     else if (has_wide_columns_)
       collector_.add_each(count, [&](std::size_t i) {
-        return RecordedEvent{data(i) & 0x3FFFU, data(i) >> 14U & 0x3FFFU, data(i) >> 28U == 1, time(i)};
+        return packed_event(data(i) & 0x3FFFU, data(i) >> 14U & 0x3FFFU, data(i) >> 28U == 1, time(i));
       });
     else
       collector_.add_each(count, [&](std::size_t i) {
-        return RecordedEvent{data(i) & 0x1FFU, data(i) >> 9U & 0xFFU, (data(i) >> 17U & 1U) != 0, time(i)};
+        return packed_event(data(i) & 0x1FFU, data(i) >> 9U & 0xFFU, data(i) >> 17U & 1U, time(i));
       });
     clock_ = clock;
     bytes_.skip(records.size());

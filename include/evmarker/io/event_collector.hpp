@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
-#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -12,18 +12,12 @@
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/events/trigger_event.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 #include "evmarker/io/time_shift.hpp"
 
 namespace evmarker::io {
-
-/// An event as a file has it: its coordinates may be off the sensor.
-struct RecordedEvent {
-  std::int64_t x, y;
-  bool on;
-  Timestamp t;  ///< [us]
-};
 
 /// The events and triggers of a batch, as readers deliver them: on the sensor, in the order of the file, counted.
 class EventCollector {
@@ -39,48 +33,44 @@ class EventCollector {
     triggers_.clear();
   }
 
-  /// Adds one event; `add_each`, which does the same to many, would take longer for it.
+  /// Adds one event; of many, `add_each` and `add_filled` take a third of the time.
   /// @throws RecordingError where a shifted time does not fit into 64 bits
   void add(std::int64_t x, std::int64_t y, bool on, Timestamp t) {
     if (x < 0 || x >= size_.width || y < 0 || y >= size_.height) {
       ++statistics.off_sensor;
       return;
     }
-    const Timestamp shifted = shift(t);
-    statistics.time_steps_back += statistics.events > 0 && t < last_ ? 1U : 0U;
-    last_ = t;
-    ++statistics.events;
     if (count_ == events_.size()) make_room(1);
-    events_[count_++] = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y),
-                         static_cast<std::int16_t>(on ? 1 : 0), shifted};
+    keep(static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), on, t);
   }
 
-  /// Adds as many events, of which `decode(i)` gives the i-th: three times as fast as one by one.
+  /// Adds as many events, of which `decode(i)` gives the i-th: as a file has it, of any polarity, on or off the sensor.
   /// @throws RecordingError where a shifted time does not fit into 64 bits; the events before it have been added
   template <typename Decode>
   void add_each(std::size_t count, const Decode& decode) {
-    if (events_.size() < count_ + count) make_room(count);
-    // Nothing in the loop branches on the events, and nothing in it is in memory but they.
-    Event* const added = events_.data() + count_;
-    const auto [width, height] = size_;
-    std::size_t on_sensor = 0;
-    std::uint64_t steps_back = 0;
-    Timestamp last = statistics.events > 0 ? last_ : std::numeric_limits<Timestamp>::min();
+    const std::span<Event> added = room(count);
+    UsualEvents usual(size_, last_);
     for (std::size_t i = 0; i < count; ++i) {
-      const RecordedEvent event = decode(i);
-      const bool inside = (event.x >= 0) & (event.x < width) & (event.y >= 0) & (event.y < height);
-      added[on_sensor] = {static_cast<std::uint16_t>(event.x), static_cast<std::uint16_t>(event.y),
-                          static_cast<std::int16_t>(event.on ? 1 : 0), event.t};
-      steps_back += static_cast<std::uint64_t>(inside & (event.t < last));
-      last = inside ? event.t : last;
-      on_sensor += inside ? 1U : 0U;
+      const PackedEvent event = decode(i);
+      std::memcpy(static_cast<void*>(&added[i]), &event, sizeof event);
+      usual.add(event);
     }
-    last_ = last;
-    statistics.time_steps_back += steps_back;
-    statistics.off_sensor += count - on_sensor;
-    if (shift_.wanted()) return keep_shifted(on_sensor);
-    statistics.events += on_sensor;
-    count_ += on_sensor;
+    add(added, usual.all());
+  }
+
+  /// Room behind the events of the batch, to be filled with events of which `add_filled` adds the first ones.
+  std::span<Event> room(std::size_t count) {
+    if (events_.size() < count_ + count) make_room(count);
+    return std::span(events_).subspan(count_, count);
+  }
+
+  /// Adds as many events of `room`, as `add_each` does.
+  /// @throws as `add_each`
+  void add_filled(std::size_t count) {
+    const auto filled = std::span(events_).subspan(count_, count);
+    UsualEvents usual(size_, last_);
+    for (const Event& event : filled) usual.add(packed_event(event));
+    add(filled, usual.all());
   }
 
   /// @throws RecordingError where a batch has so many triggers that they are no recording's
@@ -103,9 +93,29 @@ class EventCollector {
 
   [[gnu::noinline]] void make_room(std::size_t count) { events_.resize(std::max(2 * events_.size(), count_ + count)); }
 
-  // Keeps as many of the events behind the last.
-  void keep_shifted(std::size_t events) {
-    for (; events > 0; --events, ++count_, ++statistics.events) events_[count_].t = shift(events_[count_].t);
+  // Adds events that lie behind the last: as they are if all of them are usual, else one by one.
+  void add(std::span<const Event> events, bool are_usual) {
+    if (are_usual && !events.empty() && !shift_.wanted()) {
+      last_ = events.back().t;
+      statistics.events += events.size();
+      count_ += events.size();
+      return;
+    }
+    for (const Event& event : events) {
+      if (size_.contains(event.x, event.y))
+        keep(event.x, event.y, event.p > 0, event.t);
+      else
+        ++statistics.off_sensor;
+    }
+  }
+
+  // Puts an event, which may lie in the room itself, behind the last.
+  void keep(std::uint16_t x, std::uint16_t y, bool on, Timestamp t) {
+    const Timestamp shifted = shift(t);
+    statistics.time_steps_back += statistics.events > 0 && t < last_ ? 1U : 0U;
+    last_ = t;
+    ++statistics.events;
+    events_[count_++] = {x, y, static_cast<std::int16_t>(on ? 1 : 0), shifted};
   }
 
   Timestamp shift(Timestamp t) {

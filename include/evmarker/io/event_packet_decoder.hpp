@@ -31,24 +31,20 @@ class EvtPackets {
   void begin(std::uint64_t) {}
   void decode(std::span<const std::byte> words, std::span<const std::byte> following, EventCollector& collector) {
     const RecordingStatistics before = decoder_.statistics();
-    buffer_.resize(words.size() / kWordBytes * Decoder::kMaxEventsPerWord);
     triggers_.clear();
-    const std::size_t count = decoder_.decode(words, std::span(buffer_), triggers_, following);
+    const auto room = collector.room(words.size() / kWordBytes * Decoder::kMaxEventsPerWord);
+    const std::size_t count = decoder_.decode(words, room, triggers_, following);
     const RecordingStatistics after = decoder_.statistics();
     collector.statistics.dropped_before_time += after.dropped_before_time - before.dropped_before_time;
     collector.statistics.off_sensor += after.off_sensor - before.off_sensor;
     collector.statistics.unknown_words += after.unknown_words - before.unknown_words;
     collector.statistics.garbled_times += after.garbled_times - before.garbled_times;
-    collector.add_each(count, [&](std::size_t i) {
-      const Event& event = buffer_[i];
-      return RecordedEvent{event.x, event.y, event.p > 0, event.t};
-    });
+    collector.add_filled(count);
     for (const TriggerEvent& trigger : triggers_) collector.add(trigger);
   }
 
  private:
   Decoder decoder_;
-  std::vector<Event> buffer_;
   std::vector<TriggerEvent> triggers_;
 };
 
@@ -62,9 +58,8 @@ class MonoPackets {
     collector.add_each(words.size() / kWordBytes, [&](std::size_t i) {
       const auto word = load_word<std::uint64_t>(&words[kWordBytes * i]);
       const std::uint64_t since_microsecond = time_base_ % 1000 + (word & 0xFFFFFFFFU);
-      return RecordedEvent{static_cast<std::int64_t>(word >> 32U & 0xFFFFU),
-                           static_cast<std::int64_t>(word >> 48U & 0x7FFFU), word >> 63U != 0,
-                           static_cast<Timestamp>(time_base_ / 1000 + since_microsecond / 1000)};
+      return packed_event(word >> 32U & 0xFFFFU, word >> 48U & 0x7FFFU, word >> 63U,
+                          static_cast<Timestamp>(time_base_ / 1000 + since_microsecond / 1000));
     });
   }
 

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <utility>
 
+#include "evmarker/events/event.hpp"
 #include "evmarker/io/hdf5_ecf.hpp"
 #include "evmarker/io/hdf5_handle.hpp"
 #include "evmarker/io/hdf5_rows.hpp"
@@ -46,6 +47,15 @@ struct Hdf5Dataset {
   std::optional<Hdf5Ecf> ecf;  ///< in place of libhdf5
 
   hid_t get() const noexcept { return handle.get(); }
+
+  /// Reads the events of `to.size()` rows from `first` on, if a row is an Event (`Hdf5Events::whole`).
+  /// @throws std::runtime_error where libhdf5 cannot, or a chunk cannot be decoded
+  void read(std::uint64_t first, std::span<Event> to) {
+    if (ecf)
+      ecf->read(first, to);
+    else
+      rows->read(first, to);
+  }
 };
 
 /// Numbers of a dataset: all of them, a member of each compound, or a column of two dimensions.
@@ -91,6 +101,8 @@ class Hdf5Column {
   }
 
   std::uint64_t rows() const noexcept { return rows_; }
+  const std::string& member() const noexcept { return member_; }
+  const std::optional<Hdf5Number>& number() const noexcept { return number_; }
 
   /// True if the numbers are of floating point.
   bool is_float() const {

@@ -38,12 +38,15 @@ class Hdf5Ecf {
     chunk_rows_ = chunk_rows;
   }
 
+  /// Reads the events of `to.size()` rows from `first` on, all of which the dataset has.
+  /// @throws std::runtime_error naming a chunk that cannot be decoded
+  void read(std::uint64_t first, std::span<Event> to) { std::ranges::copy(rows(first, to.size()), to.begin()); }
+
   /// Reads a member of the events of `to.size()` rows from `first` on, all of which the dataset has.
   /// @throws std::runtime_error naming the member where it is none of x, y, p, t, or a chunk that cannot be decoded
   template <typename T>
   void read(std::string_view member, std::uint64_t first, std::span<T> to) {
-    if (first < first_ || first + to.size() > first_ + events_.size()) decode(first, first + to.size());
-    const auto events = std::span(events_).subspan(static_cast<std::size_t>(first - first_), to.size());
+    const std::span<const Event> events = rows(first, to.size());
     const auto copy = [&](auto value_of) {
       std::ranges::transform(events, to.begin(), [&](const Event& e) { return static_cast<T>(value_of(e)); });
     };
@@ -58,7 +61,12 @@ class Hdf5Ecf {
   // Most bytes that an event takes: a long step of time, its run, row, column and polarity, each alone.
   static constexpr std::uint64_t kMaxEventBytes = 32;
 
-  // All four members of a row are asked for in turn, so that the events of the last rows are kept.
+  // All four members of a row may be asked for in turn, so that the events of the last rows are kept.
+  std::span<const Event> rows(std::uint64_t first, std::size_t count) {
+    if (first < first_ || first + count > first_ + events_.size()) decode(first, first + count);
+    return std::span(events_).subspan(static_cast<std::size_t>(first - first_), count);
+  }
+
   void decode(std::uint64_t first, std::uint64_t end) {
     events_.clear();
     first_ = first / chunk_rows_ * chunk_rows_;

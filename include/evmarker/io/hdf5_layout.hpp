@@ -32,6 +32,7 @@ struct Hdf5Events {
   std::string path;  ///< in the file
   std::vector<Hdf5Column> columns;
   std::optional<TimeUnit> time_unit;
+  std::shared_ptr<Hdf5Dataset> whole = nullptr;  ///< where the rows of a dataset are Events, which is faster to read
 };
 
 namespace detail {
@@ -70,6 +71,14 @@ inline std::optional<Hdf5Events> by_names(const std::string& path, const std::ve
   return events;
 }
 
+/// True if the rows of the dataset that holds the columns x, y, p and t are Events.
+inline bool are_events(const Hdf5Dataset& dataset, const std::vector<Hdf5Column>& columns) {
+  const Hdf5Column &x = columns[Hdf5Events::kX], &y = columns[Hdf5Events::kY], &p = columns[Hdf5Events::kP],
+                   &t = columns[Hdf5Events::kT];
+  if (dataset.ecf) return x.member() == "x" && y.member() == "y" && p.member() == "p" && t.member() == "t";
+  return dataset.rows->are_events({{x.number(), y.number(), p.number(), t.number()}});
+}
+
 /// The events at a path of a file: a group of four datasets, a dataset of compounds, or one with the columns x, y, t,
 /// p.
 /// @throws std::runtime_error where these are events, but cannot be read
@@ -92,10 +101,12 @@ inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) 
       H5free_memory(name);
     }
     std::shared_ptr<Hdf5Dataset> dataset;
-    return by_names(path, members, [&](const std::string& member) {
+    auto events = by_names(path, members, [&](const std::string& member) {
       if (!dataset) dataset = Hdf5Column::open(file, path);
       return Hdf5Column(dataset, member, std::nullopt);
     });
+    if (events && are_events(*dataset, events->columns)) events->whole = dataset;
+    return events;
   }
   std::array<hsize_t, 2> sides{};
   if (dimensions != 2 || H5Sget_simple_extent_dims(space.get(), sides.data(), nullptr) < 0 || sides[1] != 4)

@@ -22,6 +22,7 @@
 #include "evmarker/io/hdf5_layout.hpp"
 #include "evmarker/io/hdf5_triggers.hpp"
 #include "evmarker/io/layout_guess.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/text_layout.hpp"
@@ -63,8 +64,7 @@ class Hdf5Reader final : public CollectingReader {
       if (events_.path == "/CD/events") triggers_ = Hdf5Triggers(file_.get());
       has_float_times_ = times().is_float();
       offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
-      collector_.set_sensor_size(
-          choose_sensor_size(hdf5_sensor_size(file_.get()), options, detail::kMaxSide, "HDF5", path));
+      collector_.set_sensor_size(choose_sensor_size(hdf5_sensor_size(file_.get()), options, kMaxSide, "HDF5", path));
       unit_ = options.time_unit ? *options.time_unit : recognize_unit();
       microseconds_each_ = std::pow(10, places_to_microseconds(unit_));
       times_are_microseconds_ = unit_ == TimeUnit::microseconds && offset_ == 0 && !has_float_times_;
@@ -84,6 +84,7 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t bytes_total() const override { return bytes_total_; }
 
  private:
+  static constexpr int kMaxSide = 0xFFFF;       // 65535 is a coordinate off the sensor
   static constexpr std::uint64_t kRows = 8192;  // in a piece, which stays in the cache
 
   static constexpr std::size_t kX = Hdf5Events::kX, kY = Hdf5Events::kY, kP = Hdf5Events::kP, kT = Hdf5Events::kT;
@@ -116,27 +117,49 @@ class Hdf5Reader final : public CollectingReader {
       return false;
     }
     const auto count = static_cast<std::size_t>(std::min(rows_ - row_, kRows));
+    if (events_.whole && times_are_microseconds_ && trigger_due(std::numeric_limits<Timestamp>::max()) == nullptr) {
+      read_whole(count);
+      return true;
+    }
     for (std::vector<std::int64_t>& column : numbers_) column.resize(count);
     if (has_float_times_) float_times_.resize(count);
-    try {
+    read([&] {
       for (const std::size_t column : {kX, kY, kP}) events_.columns[column].read(row_, std::span(numbers_[column]));
       if (has_float_times_)
         times().read(row_, std::span(float_times_));
       else
         times().read(row_, std::span(numbers_[kT]));
-    } catch (const std::runtime_error& fault) {
-      throw RecordingError(
-          path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
-    }
+    });
     for (std::size_t begin = 0; begin < count;) {
       const std::size_t end = read_times(begin, count);
       collector_.add_each(end - begin, [&](std::size_t i) {
-        return RecordedEvent{numbers_[kX][begin + i], numbers_[kY][begin + i], numbers_[kP][begin + i] > 0,
-                             numbers_[kT][begin + i]};
+        return packed_event(coordinate(numbers_[kX][begin + i]), coordinate(numbers_[kY][begin + i]),
+                            numbers_[kP][begin + i] > 0, numbers_[kT][begin + i]);
       });
       begin = end;
     }
     return true;
+  }
+
+  // Reads events that are stored as they are in memory.
+  void read_whole(std::size_t count) {
+    read([&] { events_.whole->read(row_, collector_.room(count)); });
+    collector_.add_filled(count);
+    row_ += count;
+  }
+
+  template <typename Read>
+  void read(const Read& read_rows) const {
+    try {
+      read_rows();
+    } catch (const std::runtime_error& fault) {
+      throw RecordingError(
+          path_, events_.path + ": cannot be read from event " + std::to_string(row_) + " on: " + fault.what());
+    }
+  }
+
+  static std::uint16_t coordinate(std::int64_t number) {
+    return static_cast<std::uint16_t>(number < 0 || number > 0xFFFF ? 0xFFFF : number);
   }
 
   // Makes microseconds of the times of the events until the next trigger is due, which it adds where it is due first.

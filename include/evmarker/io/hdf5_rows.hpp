@@ -17,6 +17,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "evmarker/events/event.hpp"
 #include "evmarker/io/hdf5_handle.hpp"
 
 namespace evmarker::io {
@@ -27,6 +28,8 @@ struct Hdf5Number {
   Kind kind;
   std::size_t bytes;   ///< of a number
   std::size_t offset;  ///< in the row
+
+  constexpr bool operator==(const Hdf5Number&) const = default;
 };
 
 /// Keeps the rows that were read last, in this machine's order of bytes. libhdf5 copies numbers that are so in the
@@ -67,11 +70,25 @@ class Hdf5Rows {
     return Hdf5Number{is_signed ? Hdf5Number::Kind::signed_whole : Hdf5Number::Kind::unsigned_whole, bytes, offset};
   }
 
+  /// True if the numbers, x, y, p and t in this order, lie in a row as in an Event.
+  bool are_events(const std::array<std::optional<Hdf5Number>, 4>& numbers) const {
+    using enum Hdf5Number::Kind;
+    constexpr std::array<Hdf5Number, 4> in_event{{{unsigned_whole, sizeof(Event::x), offsetof(Event, x)},
+                                                  {unsigned_whole, sizeof(Event::y), offsetof(Event, y)},
+                                                  {signed_whole, sizeof(Event::p), offsetof(Event, p)},
+                                                  {signed_whole, sizeof(Event::t), offsetof(Event, t)}}};
+    return row_bytes() == sizeof(Event) && std::ranges::equal(numbers, in_event);
+  }
+
+  /// Reads rows that are events, from `first` on.
+  /// @throws std::runtime_error where libhdf5 cannot
+  void read(std::uint64_t first, std::span<Event> events) const { read(first, events.size(), events.data()); }
+
   /// Copies the numbers of `to.size()` rows from `first` on.
   /// @throws std::runtime_error where libhdf5 cannot read them
   template <typename T>
   void copy(const Hdf5Number& number, std::uint64_t first, std::span<T> to) {
-    read(first, to.size());
+    keep(first, to.size());
     using Kind = Hdf5Number::Kind;
     const bool is_signed = number.kind == Kind::signed_whole;
     switch (number.bytes) {
@@ -89,17 +106,22 @@ class Hdf5Rows {
  private:
   std::size_t row_bytes() const { return in_row_ * H5Tget_size(type_.get()); }
 
-  void read(std::uint64_t first, std::size_t count) {
+  // Keeps rows for the other columns, which are asked for in turn.
+  void keep(std::uint64_t first, std::size_t count) {
     if (first == first_ && count == count_) return;
     count_ = 0;
     rows_.resize(count * row_bytes());
+    read(first, count, rows_.data());
+    first_ = first;
+    count_ = count;
+  }
+
+  void read(std::uint64_t first, std::size_t count, void* rows) const {
     const std::array<hsize_t, 2> begin{first, 0}, sides{count, in_row_};
     const Hdf5Handle in_memory(H5Screate_simple(in_row_ > 1 ? 2 : 1, sides.data(), nullptr), H5Sclose);
     if (H5Sselect_hyperslab(space_.get(), H5S_SELECT_SET, begin.data(), nullptr, sides.data(), nullptr) < 0 ||
-        H5Dread(dataset_, type_.get(), in_memory.get(), space_.get(), H5P_DEFAULT, rows_.data()) < 0)
+        H5Dread(dataset_, type_.get(), in_memory.get(), space_.get(), H5P_DEFAULT, rows) < 0)
       throw std::runtime_error(Hdf5Silence::last_error());
-    first_ = first;
-    count_ = count;
   }
 
   template <typename Stored, typename T>
