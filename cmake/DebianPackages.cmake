@@ -15,7 +15,7 @@ endif()
 # --- The programs: names like `info` and `convert` are taken, so each begins with evmarker_ where all programs are ---
 
 # Those that list their options with --help.
-set(names calibrate convert evaluate info make_board print_board replay simulate track_camera track_file)
+set(names calibrate calibration convert evaluate info make_board print_board replay simulate track_camera track_file)
 find_program(EVMARKER_HELP2MAN help2man)
 mark_as_advanced(EVMARKER_HELP2MAN)
 if(EVMARKER_BUILD_EXAMPLES AND NOT EVMARKER_HELP2MAN)

@@ -12,9 +12,10 @@ struct CameraOption {
 
   /// Adds --camera and --camera-name.
   /// @param what --camera is in this program
-  CLI::Option* add_to(CLI::App& app, const std::string& what = "calibration") {
+  /// @param option in place of --camera
+  CLI::Option* add_to(CLI::App& app, const std::string& what = "calibration", const std::string& option = "--camera") {
     CLI::Option* camera =
-        app.add_option("--camera", path, what + " in the form of OpenCV, ROS, Kalibr, Metavision, DSEC or RPG");
+        app.add_option(option, path, what + " in the form of OpenCV, ROS, Kalibr, Metavision, DSEC or RPG");
     app.add_option("--camera-name", name, "of the camera in a calibration of several, as cam0")->needs(camera);
     return camera;
   }

@@ -52,17 +52,11 @@ using namespace evmarker::io::test;
 
 namespace {
 
-const std::map<std::string, std::string> kPrograms{{"quickstart", EVMARKER_QUICKSTART},
-                                                   {"paper", EVMARKER_PAPER},
-                                                   {"simulate", EVMARKER_SIMULATE},
-                                                   {"track_file", EVMARKER_TRACK_FILE},
-                                                   {"evaluate", EVMARKER_EVALUATE},
-                                                   {"replay", EVMARKER_REPLAY},
-                                                   {"print_board", EVMARKER_PRINT_BOARD},
-                                                   {"make_board", EVMARKER_MAKE_BOARD},
-                                                   {"calibrate", EVMARKER_CALIBRATE},
-                                                   {"convert", EVMARKER_CONVERT},
-                                                   {"info", EVMARKER_INFO}};
+const std::map<std::string, std::string> kPrograms{
+    {"quickstart", EVMARKER_QUICKSTART},   {"paper", EVMARKER_PAPER},           {"simulate", EVMARKER_SIMULATE},
+    {"track_file", EVMARKER_TRACK_FILE},   {"evaluate", EVMARKER_EVALUATE},     {"replay", EVMARKER_REPLAY},
+    {"print_board", EVMARKER_PRINT_BOARD}, {"make_board", EVMARKER_MAKE_BOARD}, {"calibrate", EVMARKER_CALIBRATE},
+    {"calibration", EVMARKER_CALIBRATION}, {"convert", EVMARKER_CONVERT},       {"info", EVMARKER_INFO}};
 #ifdef EVMARKER_HAS_SCREEN
 constexpr bool kScreen = true;
 #else
@@ -527,6 +521,38 @@ TEST_CASE("examples: simulate takes a calibration in any form, and a recording i
     CHECK_MESSAGE(tracked.code == 0, tracked.err);
     CHECK(contains(read_file(folder / "p.csv"), ",7,tracking,"));
   }
+}
+
+TEST_CASE("examples: calibration says what a camera is, and writes what OpenCV reads") {
+  const TemporaryFolder folder;
+  write_file(
+      folder / "chain.yaml",
+      "cam0:\n  camera_model: pinhole\n  intrinsics: [200, 200, 119.5, 89.5]\n  distortion_model: equidistant\n"
+      "  distortion_coeffs: [0.01, -0.02, 0.003, -0.0004]\n  resolution: [240, 180]\ncam1:\n  intrinsics: [1]\n");
+  const Result fisheye = run(folder, "calibration chain.yaml --camera-name cam0 c.json");
+  REQUIRE_MESSAGE(fisheye.code == 0, fisheye.err);
+  CHECK(contains(fisheye.out, "240 x 180 px\n  fx 200, fy 200, cx 119.5, cy 89.5 px\n"));
+  CHECK(contains(fisheye.out, "fisheye (equidistant): k1 0.01, k2 -0.02, k3 0.003, k4 -0.0004"));
+  const cv::FileStorage read((folder / "c.json").string(), cv::FileStorage::READ);
+  CHECK(static_cast<int>(read["image_width"]) == 240);
+  CHECK(static_cast<std::string>(read["distortion_model"]) == "fisheye");
+
+  write_file(folder / "calib.txt", "120 90 119.5 89.5 0 0 0 0 0\n");
+  const Result square = run(folder, "calibration calib.txt --size 240,180");
+  CHECK(contains(square.out, "field of view 90.0 x 90.0 deg"));
+  CHECK_FALSE(contains(square.out, "no inverse"));
+  write_file(folder / "folded.txt", "120 90 119.5 89.5 -0.5 0 0 0 0\n");
+  const Result folded = run(folder, "calibration folded.txt --size 240,180");
+  CHECK(folded.code == 0);
+  CHECK(contains(folded.out, "no inverse"));
+
+  const Result itself = run(folder, "calibration calib.txt ./calib.txt --size 240,180");
+  CHECK(itself.code == 1);
+  CHECK(contains(itself.err, "the output ./calib.txt would overwrite the calibration calib.txt"));
+  const Result missing = run(folder, "calibration chain.yaml d.yml");
+  CHECK(missing.code == 1);
+  CHECK(contains(missing.err, "chain.yaml"));
+  CHECK_FALSE(std::filesystem::exists(folder / "d.yml"));
 }
 
 TEST_CASE("examples: simulate takes a sensor and a lens, writes them down, and single options change the sensor") {

@@ -15,17 +15,17 @@ using namespace evmarker::io::test;
 
 namespace {
 
-constexpr SensorSize kSize{640, 480};
+constexpr SensorSize kSensor{640, 480};
 
 /// What should become of the events of a file.
 struct Kept {
   std::vector<Event> events;
   RecordingStatistics statistics;
 };
-Kept keep(const std::vector<Event>& recorded) {
+Kept kept_of(const std::vector<Event>& recorded) {
   Kept kept;
   for (const Event& event : recorded) {
-    if (event.x >= kSize.width || event.y >= kSize.height) {
+    if (event.x >= kSensor.width || event.y >= kSensor.height) {
       ++kept.statistics.off_sensor;
       continue;
     }
@@ -45,12 +45,12 @@ std::vector<Event> events_of(const EventCollector& collector) {
 template <typename Add>
 void check_added(const std::vector<Event>& recorded, const Add& add) {
   EventCollector collector("a file", false);
-  collector.set_sensor_size(kSize);
+  collector.set_sensor_size(kSensor);
   collector.start_batch();
   const std::size_t third = recorded.size() / 3;
   const auto all = std::span(recorded);
   for (const auto part : {all.first(third), all.subspan(third, third), all.subspan(2 * third)}) add(collector, part);
-  const Kept expected = keep(recorded);
+  const Kept expected = kept_of(recorded);
   CHECK(events_of(collector) == expected.events);
   CHECK(collector.statistics == expected.statistics);
 }
@@ -74,7 +74,7 @@ void check_added(const std::vector<Event>& recorded) {
 }  // namespace
 
 TEST_CASE("EventCollector: keeps the same events however they are added") {
-  const auto events = random_events(kSize, 300, 1);
+  const auto events = random_events(kSensor, 300, 1);
   check_added({});
   check_added(events);
   constexpr Timestamp kFirst = std::numeric_limits<Timestamp>::min(), kLast = std::numeric_limits<Timestamp>::max();
@@ -96,9 +96,9 @@ TEST_CASE("EventCollector: keeps the same events however they are added") {
 }
 
 TEST_CASE("EventCollector: times are shifted however events are added, the first to zero") {
-  const auto events = random_events(kSize, 300, 2);
+  const auto events = random_events(kSensor, 300, 2);
   EventCollector collector("a file", true);
-  collector.set_sensor_size(kSize);
+  collector.set_sensor_size(kSensor);
   collector.start_batch();
   collector.add_each(events.size(), [&](std::size_t i) { return packed_event(events[i]); });
   auto shifted = events;
@@ -116,7 +116,7 @@ TEST_CASE("packed_event: an Event as it is in memory, of numbers or of the Event
 }
 
 TEST_CASE("UsualEvents: events on the sensor, of polarity 0 or 1, at times that do not step back") {
-  const auto are_usual = [](const std::vector<Event>& events, SensorSize size = kSize, Timestamp last = 0) {
+  const auto are_usual = [](const std::vector<Event>& events, SensorSize size = kSensor, Timestamp last = 0) {
     UsualEvents usual(size, last);
     for (const Event& event : events) usual.add(packed_event(event));
     return usual.all();
@@ -130,9 +130,9 @@ TEST_CASE("UsualEvents: events on the sensor, of polarity 0 or 1, at times that 
   CHECK_FALSE(are_usual({{5, 5, 2, 8}}));
   CHECK_FALSE(are_usual({{5, 5, -1, 8}}));
   CHECK_FALSE(are_usual({{5, 5, 1, 8}, {5, 5, 1, 7}}));
-  CHECK_FALSE(are_usual({{5, 5, 1, 8}}, kSize, 9));
+  CHECK_FALSE(are_usual({{5, 5, 1, 8}}, kSensor, 9));
   CHECK_FALSE(are_usual({{5, 5, 1, -8}}));
-  CHECK_FALSE(are_usual({{5, 5, 1, 8}}, kSize, -9));
+  CHECK_FALSE(are_usual({{5, 5, 1, 8}}, kSensor, -9));
   // Where the difference of the times overflows.
   CHECK_FALSE(are_usual({{5, 5, 1, std::numeric_limits<Timestamp>::max()}, {5, 5, 1, -2}}));
   CHECK_FALSE(are_usual({{5, 5, 1, std::numeric_limits<Timestamp>::min()}, {5, 5, 1, 2}}));

@@ -1,7 +1,6 @@
 #pragma once
 // Text recordings with one event in each line, as a source of events.
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -10,7 +9,6 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -21,6 +19,7 @@
 #include "evmarker/io/recording_error.hpp"
 #include "evmarker/io/recording_reader.hpp"
 #include "evmarker/io/recording_statistics.hpp"
+#include "evmarker/io/text_fields.hpp"
 #include "evmarker/io/text_layout.hpp"
 #include "evmarker/io/time_shift.hpp"
 
@@ -172,10 +171,8 @@ class CsvReader final : public RecordingReader {
   }
 
   static std::optional<std::int64_t> parse_integer(std::string_view field) {
-    std::int64_t value = 0;
-    const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
-    if (error == std::errc{} && end == field.data() + field.size()) return value;
-    return parse_whole(field);
+    const auto value = detail::parse_as<std::int64_t>(field);
+    return value ? value : parse_whole(field);
   }
 
   std::int64_t parse_coordinate(std::string_view field, const char* name) const {

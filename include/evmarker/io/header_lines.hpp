@@ -1,19 +1,18 @@
 #pragma once
 // The lines of text in front of a recording's binary data.
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
-#include <system_error>
 #include <utility>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
 #include "evmarker/io/recording_error.hpp"
+#include "evmarker/io/text_fields.hpp"
 
 namespace evmarker::io {
 
@@ -35,10 +34,8 @@ struct HeaderLines {
 namespace detail {
 
 inline std::optional<int> parse_positive(std::string_view text) {
-  int value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || value < 1) return std::nullopt;
-  return value;
+  const auto value = parse_as<int>(text);
+  return value && *value >= 1 ? value : std::nullopt;
 }
 
 /// Size from `1280x720` or, with a comma as separator, `1280,720`.

@@ -2,14 +2,12 @@
 // What the first lines of a text recording show where it has no names: the order of its columns, the unit of its times.
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -24,10 +22,8 @@ using Samples = std::vector<std::vector<double>>;
 
 inline double sample_of(std::string_view field) {
   if (const auto truth = parse_truth(field)) return *truth;
-  double value = 0;
-  const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), value);
-  const bool good = error == std::errc{} && end == field.data() + field.size() && std::isfinite(value);
-  return good ? value : std::numeric_limits<double>::quiet_NaN();
+  const auto value = parse_as<double>(field);
+  return value && std::isfinite(*value) ? *value : std::numeric_limits<double>::quiet_NaN();
 }
 
 /// Number of sampled lines that are events if the columns have this order: the polarity is 0, 1 or -1, the pixel is

@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
@@ -12,7 +11,6 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -34,10 +32,9 @@ inline RecordingError bad_field(const LineReader& lines, std::string_view name, 
 
 template <typename Number>
 Number parse_number(const LineReader& lines, std::string_view name, std::string_view text) {
-  Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) throw bad_field(lines, name, text);
-  return value;
+  const auto value = parse_as<Number>(text);
+  if (!value) throw bad_field(lines, name, text);
+  return *value;
 }
 
 /// Pose from the fields `tx ty tz qx qy qz qw`.

@@ -1,8 +1,14 @@
 #pragma once
 // The fields of a line of text.
 #include <algorithm>
+#include <charconv>
+#include <concepts>
+#include <locale>
 #include <optional>
+#include <sstream>
+#include <string>
 #include <string_view>
+#include <system_error>
 #include <vector>
 
 namespace evmarker::io::detail {
@@ -39,6 +45,26 @@ inline std::vector<std::string_view> split(std::string_view line, char separator
     if (blank) line = trimmed(line);
   }
   return fields;
+}
+
+/// The number that the whole text is; nothing where it is none, or one that the type cannot hold.
+template <typename Number>
+std::optional<Number> parse_as(std::string_view text) {
+  Number value{};
+#ifndef __cpp_lib_to_chars  // libc++'s from_chars takes whole numbers only
+  if constexpr (std::floating_point<Number>) {
+    std::istringstream stream{std::string(text)};
+    stream.imbue(std::locale::classic());
+    if (!(stream >> std::noskipws >> value) || stream.peek() != std::istringstream::traits_type::eof())
+      return std::nullopt;
+    return value;
+  } else
+#endif
+  {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+    return value;
+  }
 }
 
 /// 1 and 0 of Python's `True` and `False` and the like; nothing for any other text.
