@@ -117,13 +117,13 @@ TEST_CASE("packed_event: an Event as it is in memory, of numbers or of the Event
 
 TEST_CASE("UsualEvents: events on the sensor, of polarity 0 or 1, at times that do not step back") {
   const auto are_usual = [](const std::vector<Event>& events, SensorSize size = kSensor, Timestamp last = 0) {
-    UsualEvents usual(size, last);
+    UsualEvents usual(last);
     for (const Event& event : events) usual.add(packed_event(event));
-    return usual.all();
+    return usual.all(size);
   };
   CHECK(are_usual({}));
   CHECK(are_usual({{0, 0, 0, 0}, {639, 479, 1, 0}, {5, 5, 1, std::numeric_limits<Timestamp>::max()}}));
-  CHECK(are_usual({{0xFFFE, 0xFFFE, 1, 7}}, {0xFFFF, 0xFFFF}));
+  CHECK(are_usual({{0x7FFF, 0x7FFF, 1, 7}}, {0xFFFF, 0xFFFF}));
   CHECK_FALSE(are_usual({{0xFFFF, 0, 1, 7}}, {0xFFFF, 0xFFFF}));
   CHECK_FALSE(are_usual({{0, 0, 0, 0}, {640, 5, 1, 8}, {5, 5, 1, 9}}));
   CHECK_FALSE(are_usual({{0, 480, 1, 8}}));

@@ -49,13 +49,13 @@ class EventCollector {
   template <typename Decode>
   void add_each(std::size_t count, const Decode& decode) {
     const std::span<Event> added = room(count);
-    UsualEvents usual(size_, last_);
+    UsualEvents usual(last_);
     for (std::size_t i = 0; i < count; ++i) {
       const PackedEvent event = decode(i);
       std::memcpy(static_cast<void*>(&added[i]), &event, sizeof event);
       usual.add(event);
     }
-    add(added, usual.all());
+    add(added, usual.all(size_));
   }
 
   /// Room behind the events of the batch, to be filled with events of which `add_filled` adds the first ones.
@@ -68,9 +68,9 @@ class EventCollector {
   /// @throws as `add_each`
   void add_filled(std::size_t count) {
     const auto filled = std::span(events_).subspan(count_, count);
-    UsualEvents usual(size_, last_);
+    UsualEvents usual(last_);
     for (const Event& event : filled) usual.add(packed_event(event));
-    add(filled, usual.all());
+    add(filled, usual.all(size_));
   }
 
   /// @throws RecordingError where a batch has so many triggers that they are no recording's

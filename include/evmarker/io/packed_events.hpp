@@ -1,6 +1,5 @@
 #pragma once
 // Events in vector registers: decoders make them, and see of all at once that none needs a closer look.
-#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -31,35 +30,34 @@ static_assert(sizeof(Event) == sizeof(PackedEvent) && offsetof(Event, x) == 0 &&
 }
 
 /// Tells whether all of many events are usual: on the sensor, of polarity 0 or 1, at times that are not negative and do
-/// not step back.
+/// not step back. By the smallest and the largest of their numbers, each of which is an instruction for all of them.
 class UsualEvents {
  public:
   /// @param last time before these events
-  UsualEvents(SensorSize size, Timestamp last) noexcept
-      : limits_{largest(size.width), largest(size.height), 1, kAny, kAny, kAny, kAny, kAny},
-        before_{0, static_cast<std::uint64_t>(last)},
-        negative_(before_) {}
+  explicit UsualEvents(Timestamp last) noexcept
+      : before_{0, static_cast<std::uint64_t>(last)}, smallest_(reinterpret_cast<Numbers>(before_)) {}
 
   [[gnu::always_inline]] void add(PackedEvent event) noexcept {
-    beyond_ |= reinterpret_cast<Numbers>(event) > limits_;
-    negative_ |= event | (event - before_);  // has the sign of either: where no time has one, no difference overflows
+    const auto numbers = reinterpret_cast<Numbers>(event);
+    smallest_ = numbers < smallest_ ? numbers : smallest_;
+    largest_ = numbers > largest_ ? numbers : largest_;
+    steps_ |= event - before_;  // which is negative where one of them is; where no time is, none overflows
     before_ = event;
   }
 
-  bool all() const noexcept {
-    return (beyond_[0] | beyond_[1] | beyond_[2]) == 0 && static_cast<std::int64_t>(negative_[1]) >= 0;
+  /// False for some usual events of a sensor of more than 2^15 px a side.
+  bool all(SensorSize size) const noexcept {
+    constexpr int kX = 0, kY = 1, kP = 2, kSignOfTime = std::endian::native == std::endian::little ? 7 : 4;
+    return smallest_[kX] >= 0 && largest_[kX] < size.width && smallest_[kY] >= 0 && largest_[kY] < size.height &&
+           smallest_[kP] >= 0 && largest_[kP] <= 1 && smallest_[kSignOfTime] >= 0 &&
+           static_cast<std::int64_t>(steps_[1]) >= 0;
   }
 
  private:
-  using Numbers [[gnu::vector_size(16)]] = std::uint16_t;  // x, y, polarity, one without a meaning, and the time
+  using Numbers [[gnu::vector_size(16)]] = std::int16_t;  // x, y, polarity, one without a meaning, four of the time
 
-  static constexpr std::uint16_t kAny = 0xFFFF;
-  static std::uint16_t largest(int side) noexcept {
-    return static_cast<std::uint16_t>(std::clamp(side - 1, 0, 0xFFFF));
-  }
-
-  Numbers limits_, beyond_{};
-  PackedEvent before_, negative_;
+  PackedEvent before_, steps_{};
+  Numbers smallest_, largest_{};
 };
 
 }  // namespace evmarker::io
