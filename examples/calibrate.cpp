@@ -53,7 +53,7 @@ struct Options {
     app.add_option("--size", size, "of the sensor, as 346,260 [px], where the recording does not tell")
         ->delimiter(',')
         ->expected(2)
-        ->check(CLI::Range(1, 65536));
+        ->check(CLI::Range(1, evmarker::SensorSize::kMaxSide));
     app.add_option("--picture", picture, "picture of where the board was seen, and of what is left of the errors");
     app.add_option("--largest-error", largest_error_px,
                    "refuse a calibration that may be off by more anywhere in the image, at 2 sigma [px]")

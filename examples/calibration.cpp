@@ -48,12 +48,12 @@ void print(const PinholeCamera& camera) {
   std::visit([](const auto& distortion) { print(distortion); }, camera.distortion());
   const double right = width - 0.5, bottom = height - 0.5;
   const double across = angle(camera, {-0.5, camera.cy()}, {right, camera.cy()}),
-               down = angle(camera, {camera.cx(), -0.5}, {camera.cx(), bottom}),
-               corners = angle(camera, {-0.5, -0.5}, {right, bottom});
+               down = angle(camera, {camera.cx(), -0.5}, {camera.cx(), bottom});
   if (std::isfinite(across) && std::isfinite(down)) std::printf("  field of view %.1f x %.1f deg\n", across, down);
-  if (!std::isfinite(across) || !std::isfinite(down) || !std::isfinite(corners))
-    std::printf("  the lens model has no inverse at the image's %s: events there cannot be used\n",
-                std::isfinite(across) && std::isfinite(down) ? "corners" : "edges");
+  for (const double y : {0.0, height - 1.0})
+    for (const double x : {0.0, width - 1.0})
+      if (!camera.line_of_sight({x, y}).allFinite())
+        std::printf("  the lens model has no inverse at pixel (%.0f, %.0f): events there cannot be used\n", x, y);
 }
 
 void read_and_write(const Options& options) {

@@ -26,7 +26,7 @@ struct CameraOption {
         ->delimiter(',')
         ->expected(2)
         ->allow_extra_args(false)  // which would be the recording
-        ->check(CLI::Range(1, 65536));
+        ->check(CLI::Range(1, evmarker::SensorSize::kMaxSide));
   }
 
   /// @throws std::runtime_error naming file, field and value

@@ -19,7 +19,7 @@ struct InputOptions {
         ->delimiter(',')
         ->expected(2)
         ->allow_extra_args(false)  // which would be recordings
-        ->check(CLI::Range(1, 65536));
+        ->check(CLI::Range(1, evmarker::SensorSize::kMaxSide));
     reader.add_to(app);
   }
 

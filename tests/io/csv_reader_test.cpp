@@ -244,13 +244,13 @@ TEST_CASE("CsvReader: an index, quoted names, a byte order mark, names in a comm
 TEST_CASE("CsvReader: sensor sizes and coordinates that events cannot hold are refused with line and value") {
   const std::string events = "5,6,1,100\n7,8,0,101\n";
   for (const char* size :
-       {"70000,480", "640,65537", "0,480", "-640,480", "640", "wide,480", "640,480,2", "99999999999,480"}) {
+       {"70000,480", "640,65536", "0,480", "-640,480", "640", "wide,480", "640,480,2", "99999999999,480"}) {
     const std::string error = error_in("%geometry:" + std::string(size) + "\n" + events);
     CHECK_MESSAGE(contains(error, "a.csv: line 1: sensor size is '" + std::string(size) + "'"), error);
   }
   CHECK(contains(error_in("70000 480\n100 5 6 1\n", {}), "line 1: sensor size is '70000 480'"));
-  CHECK(contains(error_in("%geometry:65536,65536\n65535,65535,1,100\n65536,0,1,101\n7,8,0,102\n"),
-                 "line 3: x is '65536'"));
+  CHECK(contains(error_in("%geometry:65535,65535\n65534,65534,1,100\n65535,0,1,101\n7,8,0,102\n"),
+                 "line 3: x is '65535'"));
   CHECK(contains(error_in("5,6,1,100\n5,65541,1,101\n7,8,0,102\n"), "line 2: y is '65541'"));
   CHECK(contains(error_of<std::invalid_argument>([&] {
                    read(events, {.sensor_size = SensorSize{65537, 480}});

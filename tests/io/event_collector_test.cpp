@@ -2,8 +2,13 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cstring>
 #include <limits>
-#include <random>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "evmarker/io/packed_events.hpp"
@@ -95,15 +100,39 @@ TEST_CASE("EventCollector: keeps the same events however they are added") {
     }
 }
 
-TEST_CASE("EventCollector: times are shifted however events are added, the first to zero") {
-  const auto events = random_events(kSensor, 300, 2);
-  EventCollector collector("a file", true);
-  collector.set_sensor_size(kSensor);
-  collector.start_batch();
-  collector.add_each(events.size(), [&](std::size_t i) { return packed_event(events[i]); });
-  auto shifted = events;
-  for (Event& event : shifted) event.t -= events[0].t;
-  CHECK(events_of(collector) == shifted);
+TEST_CASE("EventCollector: of blocks of events, each is kept in its place") {
+  auto events = random_events(kSensor, 5000, 2);
+  events[600].x = 640;
+  events[2500].y = 480;
+  check_added(events);
+}
+
+TEST_CASE("EventCollector: times are shifted however events are added, the first that is kept to zero") {
+  auto events = random_events(kSensor, 300, 2);
+  events[0].x = 640;
+  events[200].x = 640;
+  const auto collect = [](const std::vector<Event>& recorded) {
+    EventCollector collector("a file", true);
+    collector.set_sensor_size(kSensor);
+    collector.start_batch();
+    std::string error;
+    try {
+      collector.add_each(recorded.size(), [&](std::size_t i) { return packed_event(recorded[i]); });
+    } catch (const std::exception& fault) {
+      error = fault.what();
+    }
+    return std::pair(events_of(collector), error);
+  };
+  auto shifted = kept_of(events).events;
+  const Timestamp first = shifted[0].t;
+  for (Event& event : shifted) event.t -= first;
+  CHECK(collect(events) == std::pair(shifted, std::string()));
+
+  events[250].t = std::numeric_limits<Timestamp>::min();
+  shifted.resize(248);  // those before it, of which two are off the sensor
+  const auto [kept, error] = collect(events);
+  CHECK(kept == shifted);
+  CHECK(contains(error, "too far from the first time"));
 }
 
 TEST_CASE("packed_event: an Event as it is in memory, of numbers or of the Event") {

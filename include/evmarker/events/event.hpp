@@ -25,6 +25,8 @@ constexpr Timestamp later(Timestamp t, std::chrono::microseconds duration) noexc
 
 /// Width and height of a sensor [px].
 struct SensorSize {
+  static constexpr int kMaxSide = 0xFFFF;  ///< an event's x and y have 16 bits, and 65535 is off every sensor
+
   int width = 0;
   int height = 0;
 

@@ -58,11 +58,11 @@ class CsvReader final : public RecordingReader {
                            "no sensor size: give it, --size 640,480 (in the options: sensor_size) or, for x,y,p,t in "
                            "us, in a first line "
                            "'%geometry:WIDTH,HEIGHT'");
-    if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > detail::kMaxSide ||
-        text_.size->height > detail::kMaxSide)
+    if (text_.size->width < 1 || text_.size->height < 1 || text_.size->width > SensorSize::kMaxSide ||
+        text_.size->height > SensorSize::kMaxSide)
       throw std::invalid_argument("sensor_size is " + std::to_string(text_.size->width) + " x " +
                                   std::to_string(text_.size->height) + ", must be in 1.." +
-                                  std::to_string(detail::kMaxSide) + " a side");
+                                  std::to_string(SensorSize::kMaxSide) + " a side");
     for (std::size_t i = 0; i < text_.leading_lines; ++i) lines_.next();
     batch_.reserve(kBatchEvents);
   }
@@ -177,7 +177,7 @@ class CsvReader final : public RecordingReader {
 
   std::int64_t parse_coordinate(std::string_view field, const char* name) const {
     const auto value = parse_integer(field);
-    if (!value || *value >= detail::kMaxSide) throw malformed(name, field);
+    if (!value || *value >= SensorSize::kMaxSide) throw malformed(name, field);
     return *value;
   }
 

@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -52,7 +51,7 @@ class CsvWriter final : public RecordingWriter {
 
  private:
   static SensorSize checked(SensorSize size) {
-    require_sensor_size(size, std::numeric_limits<std::uint16_t>::max() + 1);
+    require_sensor_size(size, SensorSize::kMaxSide);
     return size;
   }
 

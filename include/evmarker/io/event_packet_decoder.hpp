@@ -16,6 +16,7 @@
 #include "evmarker/io/evt2.hpp"
 #include "evmarker/io/evt3.hpp"
 #include "evmarker/io/evt_words.hpp"
+#include "evmarker/io/packed_events.hpp"
 #include "evmarker/io/recording_statistics.hpp"
 
 namespace evmarker::io {

@@ -61,7 +61,7 @@ class Hdf5Ecf {
   // Most bytes that an event takes: a long step of time, its run, row, column and polarity, each alone.
   static constexpr std::uint64_t kMaxEventBytes = 32;
 
-  // All four members of a row may be asked for in turn, so that the events of the last rows are kept.
+  // All four members of a row may be asked for in turn, which is why the events of the last rows are kept.
   std::span<const Event> rows(std::uint64_t first, std::size_t count) {
     if (first < first_ || first + count > first_ + events_.size()) decode(first, first + count);
     return std::span(events_).subspan(static_cast<std::size_t>(first - first_), count);

@@ -64,7 +64,8 @@ class Hdf5Reader final : public CollectingReader {
       if (events_.path == "/CD/events") triggers_ = Hdf5Triggers(file_.get());
       has_float_times_ = times().is_float();
       offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
-      collector_.set_sensor_size(choose_sensor_size(hdf5_sensor_size(file_.get()), options, kMaxSide, "HDF5", path));
+      collector_.set_sensor_size(
+          choose_sensor_size(hdf5_sensor_size(file_.get()), options, SensorSize::kMaxSide, "HDF5", path));
       unit_ = options.time_unit ? *options.time_unit : recognize_unit();
       microseconds_each_ = std::pow(10, places_to_microseconds(unit_));
       times_are_microseconds_ = unit_ == TimeUnit::microseconds && offset_ == 0 && !has_float_times_;
@@ -84,7 +85,6 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t bytes_total() const override { return bytes_total_; }
 
  private:
-  static constexpr int kMaxSide = 0xFFFF;       // 65535 is a coordinate off the sensor
   static constexpr std::uint64_t kRows = 8192;  // in a piece, which stays in the cache
 
   static constexpr std::size_t kX = Hdf5Events::kX, kY = Hdf5Events::kY, kP = Hdf5Events::kP, kT = Hdf5Events::kT;
@@ -158,8 +158,9 @@ class Hdf5Reader final : public CollectingReader {
     }
   }
 
-  static std::uint16_t coordinate(std::int64_t number) {
-    return static_cast<std::uint16_t>(number < 0 || number > 0xFFFF ? 0xFFFF : number);
+  // What 16 bits cannot hold becomes 65535, which is off every sensor.
+  static std::uint64_t coordinate(std::int64_t number) {
+    return std::min(static_cast<std::uint64_t>(number), std::uint64_t{0xFFFF});
   }
 
   // Makes microseconds of the times of the events until the next trigger is due, which it adds where it is due first.

@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -99,7 +98,7 @@ class Hdf5Writer final : public RecordingWriter {
 
   static std::filesystem::path checked(const std::filesystem::path& path, SensorSize size,
                                        Hdf5Compression compression) {
-    require_sensor_size(size, std::numeric_limits<std::uint16_t>::max() + 1);
+    require_sensor_size(size, SensorSize::kMaxSide);
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
     if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status) &&

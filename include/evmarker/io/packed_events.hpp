@@ -1,6 +1,7 @@
 #pragma once
 // Events in vector registers: decoders make them, and see of all at once that none needs a closer look.
 #include <bit>
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -23,14 +24,15 @@ static_assert(sizeof(Event) == sizeof(PackedEvent) && offsetof(Event, x) == 0 &&
 // By shifts: an Event whose members are stored one by one cannot be loaded as a whole before all of them have arrived.
 [[gnu::always_inline]] inline PackedEvent packed_event(std::uint64_t x, std::uint64_t y, std::uint64_t p,
                                                        Timestamp t) noexcept {
+  assert((x | y | p) <= 0xFFFF);
   if constexpr (std::endian::native == std::endian::little)
     return PackedEvent{x | y << 16U | p << 32U, static_cast<std::uint64_t>(t)};
   else
     return PackedEvent{x << 48U | y << 32U | p << 16U, static_cast<std::uint64_t>(t)};
 }
 
-/// Tells whether all of many events are usual: on the sensor, of polarity 0 or 1, at times that are not negative and do
-/// not step back. By the smallest and the largest of their numbers, each of which is an instruction for all of them.
+/// Tells whether many events are all usual: on the sensor, of polarity 0 or 1, at times that are not negative and do
+/// not step back. It keeps the smallest and the largest of each number, so that an event costs a few instructions.
 class UsualEvents {
  public:
   /// @param last time before these events
@@ -41,11 +43,11 @@ class UsualEvents {
     const auto numbers = reinterpret_cast<Numbers>(event);
     smallest_ = numbers < smallest_ ? numbers : smallest_;
     largest_ = numbers > largest_ ? numbers : largest_;
-    steps_ |= event - before_;  // which is negative where one of them is; where no time is, none overflows
+    steps_ |= event - before_;  // is negative once a time steps back; no difference overflows if no time is negative
     before_ = event;
   }
 
-  /// False for some usual events of a sensor of more than 2^15 px a side.
+  /// True only if all events are usual; may be false for usual ones on a sensor of more than 2^15 px a side.
   bool all(SensorSize size) const noexcept {
     constexpr int kX = 0, kY = 1, kP = 2, kSignOfTime = std::endian::native == std::endian::little ? 7 : 4;
     return smallest_[kX] >= 0 && largest_[kX] < size.width && smallest_[kY] >= 0 && largest_[kY] < size.height &&
@@ -54,7 +56,7 @@ class UsualEvents {
   }
 
  private:
-  using Numbers [[gnu::vector_size(16)]] = std::int16_t;  // x, y, polarity, one without a meaning, four of the time
+  using Numbers [[gnu::vector_size(16)]] = std::int16_t;  // x, y, polarity, padding, four of the time
 
   PackedEvent before_, steps_{};
   Numbers smallest_, largest_{};

@@ -2,7 +2,8 @@
 // The fields of a line of text.
 #include <algorithm>
 #include <charconv>
-#include <concepts>
+#include <cmath>
+#include <limits>
 #include <locale>
 #include <optional>
 #include <sstream>
@@ -47,24 +48,29 @@ inline std::vector<std::string_view> split(std::string_view line, char separator
   return fields;
 }
 
-/// The number that the whole text is; nothing where it is none, or one that the type cannot hold.
+using std::from_chars;
+#ifndef __cpp_lib_to_chars
+/// As the standard's, which libc++ has for whole numbers only; it takes the whole text or nothing.
+inline std::from_chars_result from_chars(const char* begin, const char* end, double& value) {
+  const std::string text(begin, end);
+  if (text.starts_with('+') || text.find_first_of("xX") != text.npos) return {begin, std::errc::invalid_argument};
+  std::istringstream stream(text);
+  stream.imbue(std::locale::classic());
+  stream >> std::noskipws >> value;
+  const bool tiny = value != 0 && std::abs(value) < std::numeric_limits<double>::min();  // which counts as a failure
+  if (stream.fail() && !tiny) return {begin, std::errc::invalid_argument};
+  stream.clear();
+  return {stream.peek() == std::istringstream::traits_type::eof() ? end : begin, {}};
+}
+#endif
+
+/// The decimal number that the whole text is; nothing where it is none, or one that the type cannot hold.
 template <typename Number>
 std::optional<Number> parse_as(std::string_view text) {
   Number value{};
-#ifndef __cpp_lib_to_chars  // libc++'s from_chars takes whole numbers only
-  if constexpr (std::floating_point<Number>) {
-    std::istringstream stream{std::string(text)};
-    stream.imbue(std::locale::classic());
-    if (!(stream >> std::noskipws >> value) || stream.peek() != std::istringstream::traits_type::eof())
-      return std::nullopt;
-    return value;
-  } else
-#endif
-  {
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-    return value;
-  }
+  const auto [end, error] = from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return value;
 }
 
 /// 1 and 0 of Python's `True` and `False` and the like; nothing for any other text.

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -38,9 +37,6 @@ struct RecognizedText {
 };
 
 namespace detail {
-
-/// Longest side of a sensor: an event's x and y have 16 bits [px].
-inline constexpr int kMaxSide = std::numeric_limits<std::uint16_t>::max() + 1;
 
 /// The first lines of a text recording, taken apart.
 class TextHead {
@@ -103,12 +99,12 @@ class TextHead {
     const auto sides = split(value, separator);
     const auto side = [&](std::size_t i) { return sides.size() == 2 ? parse_positive(sides[i]).value_or(0) : 0; };
     const SensorSize size{side(0), side(1)};
-    const auto fits = [](int length) { return length >= 1 && length <= kMaxSide; };
+    const auto fits = [](int length) { return length >= 1 && length <= SensorSize::kMaxSide; };
     if (fits(size.width) && fits(size.height))
       text.size = size;
     else if (text.fault.empty())
       text.fault = "line " + std::to_string(line_number_) + ": sensor size is '" + std::string(value.substr(0, 40)) +
-                   "', must be width and height in 1.." + std::to_string(kMaxSide) + " px";
+                   "', must be width and height in 1.." + std::to_string(SensorSize::kMaxSide) + " px";
   }
 
   std::optional<char> given_;
