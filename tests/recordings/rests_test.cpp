@@ -72,7 +72,7 @@ const std::vector<Rest> kRests{{0.05, 0}, {0.05, 10}, {0.5, 1}, {2, 10}, {5, 0},
 }  // namespace
 
 TEST_CASE("a marker that rests keeps pose, covariance and health, and is followed from its first events on") {
-  int cases = 0, lost_at_start = 0, wrong_at_rest = 0, wrong_after = 0;
+  int cases = 0, lost_at_start = 0, not_followed = 0, off = 0, far_off = 0, too_unsure = 0, wrong_after = 0;
   double nees_sum = 0;
   for (std::uint64_t seed = 11; seed <= (kSanitized ? 11 : 14); ++seed)
     for (const Rest& length : kRests) {
@@ -94,17 +94,27 @@ TEST_CASE("a marker that rests keeps pose, covariance and health, and is followe
                         << one.after.translation_mm().max << " mm, " << one.after.rotation_deg().max << " deg");
         nees_sum += nees(one.at_end, truth);
         const bool followed = one.at_end.quality.state == TrackingState::tracking && one.at_end.quality.health > 0.99;
-        wrong_at_rest += !(followed && error.translation_mm < 2 && error.rotation_deg < 1.5 && sigma_mm < 5);
+        not_followed += !followed;
+        off += !(error.translation_mm < 2 && error.rotation_deg < 1.5);
+        far_off += !(error.translation_mm < 4 && error.rotation_deg < 3);
+        too_unsure += !(sigma_mm < 5);
         wrong_after += !(one.after.tracking() > 100 && one.first_after < 40000 && one.after.translation_mm().max < 4 &&
                          one.after.rotation_deg().max < 5 && one.tracker.state() == TrackingState::tracking);
       }
     }
   REQUIRE(lost_at_start < cases / 4);
   if (kSanitized) return;  // these are shares of four motions together; of one, they vary
-  CAPTURE(cases);
+  // The bounds are the shares of 288 cases, seeds 101 to 112, and three deviations of 96 cases more: what becomes of a
+  // single case depends on the last bits, by which compilers differ. There, 47 were off, 6 far off, 24 too unsure (of
+  // 48 after 60 s, 23), 8 wrong afterwards, and 21 lost at the start.
+  MESSAGE("of " << cases << ": lost at the start " << lost_at_start << ", not followed " << not_followed << ", off "
+                << off << ", far off " << far_off << ", too unsure " << too_unsure << ", wrong after " << wrong_after);
   CHECK(lost_at_start <= cases / 24);
-  CHECK(wrong_at_rest <= cases / 8);
-  CHECK(wrong_after <= cases / 16);
+  CHECK(not_followed <= cases / 16);
+  CHECK(off <= cases / 4);
+  CHECK(far_off <= cases / 16);
+  CHECK(too_unsure <= cases / 6);
+  CHECK(wrong_after <= cases / 12);
   const double mean_nees = nees_sum / (cases - lost_at_start);
   CHECK(mean_nees > 0.6);
   CHECK(mean_nees < 1.6);
