@@ -105,15 +105,15 @@ TEST_CASE("a marker that rests keeps pose, covariance and health, and is followe
   REQUIRE(lost_at_start < cases / 4);
   if (kSanitized) return;  // these are shares of four motions together; of one, they vary
   // The bounds are the shares of 288 cases, seeds 101 to 112, and three deviations of 96 cases more: what becomes of a
-  // single case depends on the last bits, by which compilers differ. There, 47 were off, 6 far off, 24 too unsure (of
-  // 48 after 60 s, 23), 8 wrong afterwards, and 21 lost at the start.
+  // single case depends on the last bits, by which compilers differ. There, 45 were off, 5 far off, one too unsure, 7
+  // wrong afterwards, and 21 lost at the start.
   MESSAGE("of " << cases << ": lost at the start " << lost_at_start << ", not followed " << not_followed << ", off "
                 << off << ", far off " << far_off << ", too unsure " << too_unsure << ", wrong after " << wrong_after);
   CHECK(lost_at_start <= cases / 24);
   CHECK(not_followed <= cases / 16);
   CHECK(off <= cases / 4);
   CHECK(far_off <= cases / 16);
-  CHECK(too_unsure <= cases / 6);
+  CHECK(too_unsure <= cases / 24);
   CHECK(wrong_after <= cases / 12);
   const double mean_nees = nees_sum / (cases - lost_at_start);
   CHECK(mean_nees > 0.6);

@@ -44,19 +44,22 @@ TEST_CASE("adaptive motion: few events bound the motion, once it is known how ma
   KalmanState state = moving_at(1);
   motion.limit(state, 0, dt, 0, statistics());
   CHECK(state.twist.t.x == 1);
-  CHECK(motion.lead(state.twist, dt, kLever2).s == dt);
+  CHECK(motion.lead(state.twist, 1, dt, kLever2).s == dt);
 
   motion.bound_by_events(100, 1);
   motion.limit(state, 0, dt, 0, statistics());
   CHECK(state.twist.t.x < 0.1);
   CHECK(motion.moved(state.twist, dt).t.x == doctest::Approx(motion.bound().most_m()));
   // Nor does the pose lead the state by more.
-  const KalmanState::Lead lead = motion.lead({{1, 0, 0}, {}}, dt, kLever2);
+  const KalmanState::Lead lead = motion.lead({{1, 0, 0}, {}}, 0, dt, kLever2);
   CHECK(lead.s == doctest::Approx(motion.bound().most_m()));
   CHECK(lead.motion.t.x < motion.bound().most_m());
+  // A velocity of which only the variance is known leads no farther either.
+  CHECK(motion.lead({}, 1, dt, kLever2).s == doctest::Approx(motion.bound().most_m()));
+  CHECK(motion.lead({{1, 0, 0}, {}}, 4, dt, kLever2).s == doctest::Approx(motion.bound().most_m() / 2));
 
   motion.lift_bound();
-  CHECK(motion.lead({{1, 0, 0}, {}}, dt, kLever2).s == dt);
+  CHECK(motion.lead({{1, 0, 0}, {}}, 1, dt, kLever2).s == dt);
 }
 
 TEST_CASE("adaptive motion: the process noise of a pause is limited by what is possible, and its density is not") {

@@ -108,10 +108,14 @@ class AdaptiveMotion {
   /// How far a velocity carries in dt [s] while it fades.
   Vec6 moved(const Vec6& velocity, double dt) const noexcept { return motion_step(dt, fading_).moved(velocity); }
 
-  /// The lead from a state to a pose that is dt later, cut short where the motion is bounded.
-  KalmanState::Lead lead(const Vec6& twist, double dt, double lever2) const noexcept {
-    const double edge_speed = norm(twist.t) + std::sqrt(lever2) * norm(twist.r);
-    const double s = std::min(dt, bound_.most_m() / edge_speed);
+  /// The lead from a state to a pose that is dt later, cut short where the motion is bounded: so that neither the
+  /// velocity nor its deviation carries the edges farther.
+  /// @param speed_variance of the edges, see KalmanState::speed_variance
+  KalmanState::Lead lead(const Vec6& twist, double speed_variance, double dt, double lever2) const noexcept {
+    if (dt == 0) return {};  // as with one event an update
+    const double edge_speed = norm(twist.t) + std::sqrt(lever2) * norm(twist.r),
+                 sigma = std::sqrt(std::max(0.0, speed_variance));
+    const double s = std::min(dt, bound_.most_m() / std::max(edge_speed, sigma));
     return {s, s != 0 ? moved(twist, s) : Vec6()};
   }
 

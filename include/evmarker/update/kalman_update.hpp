@@ -116,7 +116,8 @@ class KalmanUpdate {
     if (count > 0) motion_.add_correction(twist_before, state_.twist, error.velocity(), dt, statistics_);
 
     const Vec6 twist = state_.twist + error.velocity();
-    const KalmanState::Lead lead = motion_.lead(twist, dt - mean_dt, statistics_.lever2());
+    const double lever2 = statistics_.lever2();
+    const KalmanState::Lead lead = motion_.lead(twist, state_.speed_variance(lever2), dt - mean_dt, lever2);
     const Vec6 step = error.pose() + lead.motion;
     const Vec3 biases{error.b[kOffset], error.b[kTrail], error.b[kOffDelay]};
     if (!std::isfinite(squared_norm(step) + squared_norm(twist) + squared_norm(biases))) return false;
