@@ -2001,6 +2001,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   for (const auto& refused : cases) {
     CAPTURE(refused.command);
     const auto& [command, expected, file, content] = refused;
+    if (command.starts_with("calibrate ") && kPrograms.at("calibrate").empty()) continue;  // not built without Ceres
     const TemporaryFolder folder;
     link_simulated(folder);
     if (!file.empty()) write_file(folder / file.c_str(), content);
