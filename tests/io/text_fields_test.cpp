@@ -8,7 +8,7 @@
 
 using evmarker::io::detail::parse_as;
 
-TEST_CASE("parse_as: a number is the whole text, a decimal") {
+TEST_CASE("parse_as: the whole text is one decimal number") {
   CHECK(parse_as<double>("1.5") == 1.5);
   CHECK(parse_as<double>("-2e-3") == -0.002);
   CHECK(parse_as<double>("0.1") == 0.1);

@@ -97,7 +97,7 @@ class EventCollector {
 
   [[gnu::noinline]] void make_room(std::size_t count) { events_.resize(std::max(2 * events_.size(), count_ + count)); }
 
-  // Events that are not usual make the others of their block be looked at one by one, too: few, so short ones.
+  // Blocks are short, as one unusual event makes all of its block be looked at one by one.
   template <typename Work>
   static void for_each_block(std::span<Event> events, const Work& work) {
     constexpr std::size_t kBlock = 512;
