@@ -148,6 +148,7 @@ TEST_CASE("UsualEvents: events on the sensor, of polarity 0 or 1, at times that 
   const auto are_usual = [](const std::vector<Event>& events, SensorSize size = kSensor, Timestamp last = 0) {
     UsualEvents usual(last);
     for (const Event& event : events) usual.add(packed_event(event));
+    CHECK(usual.all(size) == evmarker::io::are_usual(events, last, size));
     return usual.all(size);
   };
   CHECK(are_usual({}));
@@ -165,4 +166,19 @@ TEST_CASE("UsualEvents: events on the sensor, of polarity 0 or 1, at times that 
   // Where the difference of the times overflows.
   CHECK_FALSE(are_usual({{5, 5, 1, std::numeric_limits<Timestamp>::max()}, {5, 5, 1, -2}}));
   CHECK_FALSE(are_usual({{5, 5, 1, std::numeric_limits<Timestamp>::min()}, {5, 5, 1, 2}}));
+}
+
+TEST_CASE("are_usual: of any number of events, none that is unusual is overlooked") {
+  for (std::size_t count = 0; count < 8; ++count) {
+    const auto events = random_events(kSensor, count, 3);
+    CHECK(are_usual(events, 0, kSensor));
+    for (std::size_t at = 0; at < count; ++at) {
+      auto with_it = events;
+      with_it[at].x = 640;
+      CHECK_FALSE(are_usual(with_it, 0, kSensor));
+      with_it = events;
+      with_it[at].t = at > 0 ? events[at - 1].t - 1 : -1;
+      CHECK_FALSE(are_usual(with_it, 0, kSensor));
+    }
+  }
 }

@@ -70,11 +70,8 @@ class EventCollector {
   /// Adds the first `count` events of the last `room`: as `add_each`, of any polarity, on or off the sensor.
   /// @throws as `add_each`
   void add_filled(std::size_t count) {
-    for_each_block(std::span(events_).subspan(count_, count), [&](std::size_t, std::span<Event> block) {
-      UsualEvents usual(last_);
-      for (const Event& event : block) usual.add(packed_event(event));
-      keep_all(block, usual.all(size_));
-    });
+    for_each_block(std::span(events_).subspan(count_, count),
+                   [&](std::size_t, std::span<Event> block) { keep_all(block, are_usual(block, last_, size_)); });
   }
 
   /// @throws RecordingError where a batch has so many triggers that they are no recording's

@@ -80,10 +80,11 @@ class Hdf5Column {
     number_ = dataset_->rows->number(member_, static_cast<std::size_t>(column_.value_or(0)));
   }
 
-  /// A dataset, opened so that a chunk of it stays in memory until all of its rows are read.
+  /// A dataset, opened so that a chunk that is decompressed stays in memory until all of its rows are read. Others need
+  /// not be copied from there: libhdf5 reads what its cache has no room for from the file to where it is asked for.
   /// @throws std::runtime_error naming a chunk that is too long, a filter that is missing, or data that is
   static std::shared_ptr<Hdf5Dataset> open(hid_t file, const std::string& path) {
-    const Hdf5Handle dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
+    Hdf5Handle dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
     const Hdf5Handle creation(H5Dget_create_plist(dataset.get()), H5Pclose);
     if (!creation) throw std::runtime_error(Hdf5Silence::last_error());
     const std::uint64_t chunk_bytes = require_whole(dataset, creation.get());
@@ -92,7 +93,9 @@ class Hdf5Column {
     if (!has_ecf) require_filters(creation.get());
     const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
     constexpr std::size_t kSlots = 521;
-    H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(chunk_bytes), 1.0);
+    const bool has_filters = H5Pget_nfilters(creation.get()) > 0;
+    H5Pset_chunk_cache(access.get(), kSlots, has_filters ? static_cast<std::size_t>(chunk_bytes) : 0, 1.0);
+    dataset = {};
     auto opened = std::make_shared<Hdf5Dataset>();
     opened->handle = Hdf5Handle(H5Dopen2(file, path.c_str(), access.get()), H5Dclose);
     opened->rows.emplace(opened->get());

@@ -83,7 +83,7 @@ inline bool are_events(const Hdf5Dataset& dataset, const std::vector<Hdf5Column>
 /// p.
 /// @throws std::runtime_error where these are events, but cannot be read
 inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) {
-  const Hdf5Handle object(H5Oopen(file, path.c_str(), H5P_DEFAULT), H5Oclose);
+  Hdf5Handle object(H5Oopen(file, path.c_str(), H5P_DEFAULT), H5Oclose);
   if (!object) return std::nullopt;
   if (H5Iget_type(object.get()) == H5I_GROUP)
     return by_names(path, names_in(object.get()), [&](const std::string& name) {
@@ -93,6 +93,7 @@ inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) 
 
   const Hdf5Handle type(H5Dget_type(object.get()), H5Tclose), space(H5Dget_space(object.get()), H5Sclose);
   const int dimensions = H5Sget_simple_extent_ndims(space.get());
+  object = {};
   if (dimensions == 1 && H5Tget_class(type.get()) == H5T_COMPOUND) {
     std::vector<std::string> members;
     for (int i = 0; i < H5Tget_nmembers(type.get()); ++i) {

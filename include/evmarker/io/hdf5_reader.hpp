@@ -85,7 +85,7 @@ class Hdf5Reader final : public CollectingReader {
   std::uint64_t bytes_total() const override { return bytes_total_; }
 
  private:
-  static constexpr std::uint64_t kRows = 8192;  // in a piece, which stays in the cache
+  static constexpr std::uint64_t kRows = 16384;  // in a piece, which stays in the cache
 
   static constexpr std::size_t kX = Hdf5Events::kX, kY = Hdf5Events::kY, kP = Hdf5Events::kP, kT = Hdf5Events::kT;
 
