@@ -80,8 +80,9 @@ class Hdf5Column {
     number_ = dataset_->rows->number(member_, static_cast<std::size_t>(column_.value_or(0)));
   }
 
-  /// A dataset, opened so that a chunk that is decompressed stays in memory until all of its rows are read. Others need
-  /// not be copied from there: libhdf5 reads what its cache has no room for from the file to where it is asked for.
+  /// A dataset, opened so that a chunk that was decompressed stays in memory until all of its rows are read. What is
+  /// not compressed is read past libhdf5's cache, straight to where it is asked for. The dataset must not be open
+  /// already: it would keep the cache that it was opened with.
   /// @throws std::runtime_error naming a chunk that is too long, a filter that is missing, or data that is
   static std::shared_ptr<Hdf5Dataset> open(hid_t file, const std::string& path) {
     Hdf5Handle dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
@@ -95,7 +96,7 @@ class Hdf5Column {
     constexpr std::size_t kSlots = 521;
     const bool has_filters = H5Pget_nfilters(creation.get()) > 0;
     H5Pset_chunk_cache(access.get(), kSlots, has_filters ? static_cast<std::size_t>(chunk_bytes) : 0, 1.0);
-    dataset = {};
+    dataset = {};  // closed, see above
     auto opened = std::make_shared<Hdf5Dataset>();
     opened->handle = Hdf5Handle(H5Dopen2(file, path.c_str(), access.get()), H5Dclose);
     opened->rows.emplace(opened->get());

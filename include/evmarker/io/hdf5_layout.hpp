@@ -93,7 +93,7 @@ inline std::optional<Hdf5Events> events_at(hid_t file, const std::string& path) 
 
   const Hdf5Handle type(H5Dget_type(object.get()), H5Tclose), space(H5Dget_space(object.get()), H5Sclose);
   const int dimensions = H5Sget_simple_extent_ndims(space.get());
-  object = {};
+  object = {};  // closed, for Hdf5Column::open
   if (dimensions == 1 && H5Tget_class(type.get()) == H5T_COMPOUND) {
     std::vector<std::string> members;
     for (int i = 0; i < H5Tget_nmembers(type.get()); ++i) {
