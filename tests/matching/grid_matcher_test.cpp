@@ -275,7 +275,7 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   Isometry3d moved = T;
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
   REQUIRE(grid.move(moved, 0.5));
-  CHECK(grid.edge_choices() == before.edge_choices());
+  CHECK(grid.times_edges_chosen() == before.times_edges_chosen());
   REQUIRE(segments.project(moved));
   int kept = 0, where_it_is = 0;
   for (int i = 0; i < 4000; ++i) {
@@ -295,7 +295,7 @@ TEST_CASE("a matcher that has hardly moved keeps its choices, and says where the
   CHECK(where_it_is > 500);
   moved.translation() += 0.3 * pixel * Vector3d(1, -1, 0);
   REQUIRE(grid.move(moved, 0.5));
-  CHECK(grid.edge_choices() == before.edge_choices() + 1);
+  CHECK(grid.times_edges_chosen() == before.times_edges_chosen() + 1);
 }
 
 TEST_CASE("a wireframe without a grid is matched by the search over all segments") {

@@ -37,17 +37,17 @@ class TimeGuard {
     return Verdict::pass;
   }
 
-  /// True if an event at this time would pass without a held event being released or discarded.
+  /// True if an event at this time passes without `judge`: none is held back, and the one before is near in time.
   bool passes(Timestamp t) const noexcept { return elapsed_us(last_t_, t) + kNear_us < end_us_; }
-  /// How many events of a batch would pass before the first one that would not. To be followed by `passed` for those
-  /// that are taken.
+  /// How many events of a batch pass without `judge` before the first one that does not. To be followed by `passed` for
+  /// those that are taken.
   std::size_t passing(std::span<const Event> events) const noexcept {
     if (events.empty() || !passes(events.front().t)) return 0;
     std::size_t count = 1;
     while (count < events.size() && near(events[count - 1].t, events[count].t)) ++count;
     return count;
   }
-  /// Reports that events counted by `passing` have been taken, without `judge`; the last of them at this time.
+  /// To be called when events have been taken without `judge`, as `passes` or `passing` allow; the last at this time.
   void passed(Timestamp last) noexcept { last_t_ = last; }
 
   /// Takes events from the front of a span, and returns those that are to be used next: as many as confirm each other,
@@ -83,7 +83,8 @@ class TimeGuard {
   std::uint64_t faults() const noexcept { return faults_; }
 
  private:
-  // True if |t - last| <= kNear_us.
+  // True if |t - last| <= kNear_us, by one comparison: for an earlier t, the difference wraps around and the addition
+  // wraps it back.
   static bool near(Timestamp last, Timestamp t) noexcept { return elapsed_us(last, t) + kNear_us < 2 * kNear_us + 1; }
   static std::uint64_t distance_us(Timestamp a, Timestamp b) noexcept {
     return a < b ? elapsed_us(a, b) : elapsed_us(b, a);
@@ -129,7 +130,8 @@ class TimeGuard {
   }
 
   Timestamp last_t_ = 0;
-  std::uint64_t end_us_ = 0;  // bound in `passes`: 0, so that no time passes, at first and while an event is held back
+  // Bound in `passes`: that of `near`, or 0, so that no time passes, at first and while an event is held back.
+  std::uint64_t end_us_ = 0;
   bool started_ = false, holding_ = false;
   Event held_;
   std::uint64_t faults_ = 0;

@@ -33,7 +33,7 @@ class EventCollector {
     triggers_.clear();
   }
 
-  /// Adds one event; of many usual ones, `add_each` and `add_filled` take less than half the time.
+  /// Adds one event; for many, of which most are usual, `add_each` and `add_filled` take less than half the time.
   /// @throws RecordingError where a shifted time does not fit into 64 bits
   void add(std::int64_t x, std::int64_t y, bool on, Timestamp t) {
     if (x < 0 || x >= size_.width || y < 0 || y >= size_.height) {
@@ -44,7 +44,7 @@ class EventCollector {
     keep(static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), on, t);
   }
 
-  /// Adds as many events, of which `decode(i)` gives the i-th: as a file has it, of any polarity, on or off the sensor.
+  /// Adds `count` events, of which `decode(i)` gives the i-th: as a file has it, of any polarity, on or off the sensor.
   /// @throws RecordingError where a shifted time does not fit into 64 bits; the events before it have been added
   template <typename Decode>
   void add_each(std::size_t count, const Decode& decode) {
@@ -102,9 +102,10 @@ class EventCollector {
       work(begin, events.subspan(begin, std::min(kBlock, events.size() - begin)));
   }
 
-  // Keeps events that lie in the room, behind the last or farther: all as they are if they are usual, else one by one.
-  void keep_all(std::span<const Event> events, bool are_usual) {
-    if (are_usual && !shift_.wanted()) {
+  // Keeps events of the room, and moves them up to the last one kept if others before them were left out. All are kept
+  // as they are if they are usual and no time is shifted, else one by one.
+  void keep_all(std::span<const Event> events, bool all_usual) {
+    if (all_usual && !shift_.wanted()) {
       if (events.data() != &events_[count_]) std::ranges::copy(events, &events_[count_]);
       last_ = events.back().t;
       statistics.events += events.size();
@@ -119,7 +120,7 @@ class EventCollector {
     }
   }
 
-  // Puts an event, which may lie in the room itself, behind the last.
+  // Puts an event behind the last. By value, as it may have been in the very place that is written to.
   void keep(std::uint16_t x, std::uint16_t y, bool on, Timestamp t) {
     const Timestamp shifted = shift(t);
     statistics.time_steps_back += statistics.events > 0 && t < last_ ? 1U : 0U;

@@ -67,7 +67,7 @@ class Evt3Decoder {
 
   RecordingStatistics statistics() const noexcept {
     RecordingStatistics statistics = statistics_;
-    statistics.garbled_times += time_high_decoder_.undone();
+    statistics.garbled_times += time_high_decoder_.undone();  // those that were taken until the next one showed it
     return statistics;
   }
 
@@ -77,7 +77,7 @@ class Evt3Decoder {
   // What the words so far have set.
   struct State {
     std::uint32_t y = 0;
-    std::uint32_t row_width = 0;               // columns of row y that are on the sensor; none before the first row
+    std::uint32_t row_width = 0;               // number of columns of row y on the sensor; 0 off it, and at first
     std::uint32_t vector_x = kOffEverySensor;  // first column of the next vector; off every sensor before VECT_BASE_X
     std::int16_t vector_p = 0;
     std::uint32_t time_high = ~0U;  // the last TIME_HIGH; until the first, a value that none has
@@ -131,7 +131,7 @@ class Evt3Decoder {
     state.y = row ? address : state.y;
     state.row_width = row ? (address < height ? width : 0) : state.row_width;
     state.t = low ? (state.t & ~Timestamp{0xFFF}) | payload_of(word) : state.t;
-    // Written for every word: there is always room for one event more, and what is none is overwritten by the next.
+    // Written for every word: there is always room for one event more, and if the word is none, the next overwrites it.
     *out = make_event(address, state.y, polarity_of(word), state.t);
     const bool visible = column & (address < state.row_width);
     state.off_sensor += (column & !visible) ? 1U : 0U;

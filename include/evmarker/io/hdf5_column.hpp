@@ -22,7 +22,7 @@
 
 namespace evmarker::io {
 
-/// The text of an attribute of a file, group or dataset; empty where it has none, or it is no text.
+/// The text of an attribute of a file, group or dataset; empty where it has none, or it is no text or a long one.
 inline std::string hdf5_text(hid_t object, const char* name) {
   const Hdf5Handle attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
   const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose), type(H5Aget_type(attribute.get()), H5Tclose);
@@ -35,7 +35,7 @@ inline std::string hdf5_text(hid_t object, const char* name) {
   } else if (H5Tget_size(type.get()) < 100) {
     text.resize(H5Tget_size(type.get()));
     H5Aread(attribute.get(), type.get(), text.data());
-    text = text.c_str();  // without what fills it up
+    text = text.c_str();  // without the zeros that fill it up
   }
   return text;
 }
@@ -44,7 +44,7 @@ inline std::string hdf5_text(hid_t object, const char* name) {
 struct Hdf5Dataset {
   Hdf5Handle handle;
   std::optional<Hdf5Rows> rows;
-  std::optional<Hdf5Ecf> ecf;  ///< in place of libhdf5
+  std::optional<Hdf5Ecf> ecf;  ///< reads the rows where ECF has compressed them; `rows` does not then
 
   hid_t get() const noexcept { return handle.get(); }
 
@@ -67,14 +67,15 @@ class Hdf5Column {
   /// @param dataset shared with the other columns that it holds
   /// @param member of its compounds; empty if it has none
   /// @param column of a dataset of two dimensions
-  /// @throws std::runtime_error where the dataset has other dimensions
+  /// @throws std::runtime_error unless the dataset has one dimension, or two where there is a column
   Hdf5Column(std::shared_ptr<Hdf5Dataset> dataset, std::string member, std::optional<hsize_t> column)
       : dataset_(std::move(dataset)), member_(std::move(member)), column_(column) {
     std::array<hsize_t, 2> sides{};
     const Hdf5Handle space(H5Dget_space(dataset_->get()), H5Sclose);
     const int dimensions = H5Sget_simple_extent_ndims(space.get());
     if (dimensions != (column ? 2 : 1))
-      throw std::runtime_error("a dataset has " + std::to_string(dimensions) + " dimensions, must have 1");
+      throw std::runtime_error("a dataset has " + std::to_string(dimensions) + " dimensions, must have " +
+                               std::to_string(column ? 2 : 1));
     H5Sget_simple_extent_dims(space.get(), sides.data(), nullptr);
     rows_ = sides[0];
     number_ = dataset_->rows->number(member_, static_cast<std::size_t>(column_.value_or(0)));
@@ -83,7 +84,7 @@ class Hdf5Column {
   /// A dataset, opened so that a chunk that was decompressed stays in memory until all of its rows are read. What is
   /// not compressed is read past libhdf5's cache, straight to where it is asked for. The dataset must not be open
   /// already: it would keep the cache that it was opened with.
-  /// @throws std::runtime_error naming a chunk that is too long, a filter that is missing, or data that is
+  /// @throws std::runtime_error naming a chunk that is too long, a filter that is missing, or that data is missing
   static std::shared_ptr<Hdf5Dataset> open(hid_t file, const std::string& path) {
     Hdf5Handle dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose);
     const Hdf5Handle creation(H5Dget_create_plist(dataset.get()), H5Pclose);
@@ -144,7 +145,8 @@ class Hdf5Column {
   }
 
  private:
-  // Rows that the file states but does not hold would be read as zeros, without an end.
+  // Returns the bytes of a chunk, 0 where there are none. Rows that the file states but does not hold are refused: they
+  // would be read as zeros, without an end.
   static std::uint64_t require_whole(const Hdf5Handle& dataset, hid_t creation) {
     const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose), type(H5Dget_type(dataset.get()), H5Tclose);
     const auto stated = static_cast<std::uint64_t>(H5Sget_simple_extent_npoints(space.get()));
@@ -177,14 +179,15 @@ class Hdf5Column {
                                                   {307, "BZip2", "on Debian, hdf5-filter-plugin"},
                                                   {32004, "LZ4", "on Debian, hdf5-filter-plugin"},
                                                   {32008, "Bitshuffle", "on Debian, hdf5-filter-plugin"},
-                                                  {32015, "ZSTD", "HDF5_PLUGIN_PATH is the folder of its plugin"}}};
+                                                  {32015, "ZSTD", "set HDF5_PLUGIN_PATH to the folder of its plugin"}}};
     for (int i = 0; i < H5Pget_nfilters(creation); ++i) {
       std::size_t no_values = 0;
       unsigned flags = 0;
       const H5Z_filter_t id =
           H5Pget_filter2(creation, static_cast<unsigned>(i), &flags, &no_values, nullptr, 0, nullptr, nullptr);
+      // An optional one may not have been applied; where it was, libhdf5 says so when it reads.
       if ((flags & H5Z_FLAG_OPTIONAL) != 0 || H5Zfilter_avail(id) > 0) continue;
-      std::string name = "filter " + std::to_string(id), remedy = "HDF5_PLUGIN_PATH is the folder of its plugin";
+      std::string name = "filter " + std::to_string(id), remedy = "set HDF5_PLUGIN_PATH to the folder of its plugin";
       for (const Filter& filter : known)
         if (filter.id == id) name = filter.name + (" (" + name + ")"), remedy = filter.remedy;
       throw std::runtime_error("it is compressed by " + name + ", whose plugin libhdf5 does not find: install it (" +
@@ -195,7 +198,7 @@ class Hdf5Column {
   std::shared_ptr<Hdf5Dataset> dataset_;
   std::string member_;
   std::optional<hsize_t> column_;
-  std::optional<Hdf5Number> number_;  // nothing: libhdf5 converts it
+  std::optional<Hdf5Number> number_;  // in a row; nothing where libhdf5 has to convert it
   std::uint64_t rows_ = 0;
 };
 

@@ -94,7 +94,7 @@ class Pipeline {
 
   /// Starts again after `stop` or an error, with all counters at zero and without markers. Does nothing while the
   /// pipeline runs.
-  /// @throws std::logic_error when called from a callback or the detector
+  /// @throws std::logic_error when called from a callback, the filter or the detector
   /// @throws std::system_error if a thread cannot be started; then the pipeline is stopped
   void start() {
     refuse_in_callback("started");
@@ -117,8 +117,8 @@ class Pipeline {
 
   /// Stops tracking, within 100 ms; if a callback or a detection is still running, when that has returned. Events still
   /// in the queue are dropped and counted; to have them tracked, call `flush` first.
-  /// @throws std::logic_error when called from a callback or the detector (a pipeline that is destroyed in one ends the
-  /// program)
+  /// @throws std::logic_error when called from a callback, the filter or the detector (a pipeline that is destroyed in
+  /// one ends the program)
   /// @throws the exception that ended the tracking, else the first one since the start that a callback or the detector
   /// threw; each only once
   void stop() {
@@ -130,7 +130,7 @@ class Pipeline {
 
   /// Waits until all that was pushed before this call has been tracked and delivered, or dropped, or the pipeline is
   /// stopped; not for what other threads push meanwhile, nor for a detection that is running.
-  /// @throws std::logic_error when called from a callback or the detector
+  /// @throws std::logic_error when called from a callback, the filter or the detector
   /// @throws the exception that ended the tracking, if one did
   void flush() const {
     refuse_in_callback("flushed");
@@ -163,7 +163,7 @@ class Pipeline {
  private:
   void refuse_in_callback(const char* what) const {
     if (shared_.intake.on_consumer_thread())
-      throw std::logic_error(std::string("pipeline: ") + what + " from its own callback");
+      throw std::logic_error(std::string("pipeline: ") + what + " from its own callback or filter");
     if (DetectionThread<Detector>::detector_of_this_thread() == &detector_)
       throw std::logic_error(std::string("pipeline: ") + what + " from its own detector");
   }
@@ -182,6 +182,7 @@ class Pipeline {
   // The tracking thread.
   void run() noexcept {
     shared_.intake.set_consumer_thread(std::this_thread::get_id());
+    // Not where it waits for the detector, as with files: nothing there is urgent.
     if (settings_.priority == TrackingPriority::automatic && !settings_.wait_for_detector)
       shared_.published.set_real_time(request_real_time_priority());
     request_short_time_slices();

@@ -53,8 +53,8 @@ class TrackingLoop {
     tick_poses_.reserve(settings.tracker.max_markers);
   }
 
-  /// Tracks until `SharedWithTracking::stopping` is set. An exception that is not a callback's, the detector's, or of
-  /// the use of its result ends it and is published.
+  /// Tracks until `SharedWithTracking::stopping` is set. What a callback, the detector or the use of its result throws
+  /// is counted, and tracking goes on; any other exception ends it and is published.
   void run() noexcept {
     try {
       while (!shared_.stopping) track_next_block();
@@ -77,13 +77,15 @@ class TrackingLoop {
     if (block != nullptr) {
       const BlockGuard guard(*this, block);
       deliver_triggers(block->number());
-      // Events are missing before this block: dropped by `push`, or removed from the queue unread, which leaves a gap
-      // in the numbers of the blocks.
+      // If events before this block were dropped by `push`, or removed from the queue unread, which leaves a gap in the
+      // numbers of the blocks.
       if (block->follows_dropped() || block->number() != progress_.block + 1)
         core_.skip_to(block->first_t(), deliver_untimed());
       track(*block);
       progress_.block = block->number();
-      shared_.published.publish(core_, progress_);  // before the block is free: refilled, it would count twice
+      // Before the block is free: a push could refill it, and `queue_depth` would count its events twice until the
+      // next.
+      shared_.published.publish(core_, progress_);
     } else {
       catch_up();
       deliver_triggers(progress_.block + 1);
@@ -126,17 +128,17 @@ class TrackingLoop {
       if (shared_.stopping.load(std::memory_order_relaxed)) return;
       if (const auto next = core_.next_t(left.front())) deliver_ticks(*next, *next);
       std::optional<Timestamp> due;  // when to start a detection, or to wait for its result
-      const auto stop_if_due = [&](const Event& event) {
+      const auto show_and_stop_if_due = [&](const Event& event) {  // to the detector
         detection_thread_.add(event);
         if (should_detect(event.t) || should_wait_for_result(event.t)) due = event.t;
         return due.has_value();
       };
       const auto deliver_timed = [&](const PoseEstimate& pose) { deliver(pose, block.pushed()); };
       const auto until_tick = settings_.on_tick ? clock_.before_next(left) : left;
-      left = left.subspan(core_.push(until_tick, stop_if_due, deliver_timed));
+      left = left.subspan(core_.push(until_tick, show_and_stop_if_due, deliver_timed));
       if (!due) continue;
       if (should_detect(*due)) detection_thread_.start(core_.request_detection(*due), core_.polarity_frame());
-      if (should_wait_for_result(*due))
+      if (should_wait_for_result(*due))  // its poses are timed: the event that made it due has waited for them
         while (core_.result_pending() && !shared_.stopping) receive_detection(kMaxWait, deliver_timed);
     }
   }

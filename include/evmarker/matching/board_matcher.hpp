@@ -67,7 +67,7 @@ class BoardMatcher {
 
   /// Sets the pose; see SegmentMatcher::project.
   bool project(const Eigen::Isometry3d& T_camera_board) noexcept {
-    ++edge_choices_;
+    ++times_edges_chosen_;
     return place(T_camera_board, [](GridMatcher& matcher, const Eigen::Isometry3d& T) { return matcher.project(T); });
   }
   /// Sets the pose, but keeps which edges events match while that hardly changes, see GridMatcher::move.
@@ -76,7 +76,7 @@ class BoardMatcher {
                  [&](GridMatcher& matcher, const Eigen::Isometry3d& T) { return matcher.move(T, max_shift_px); });
   }
   /// A counter that changes whenever edges are chosen at a new pose, or no longer can be.
-  unsigned edge_choices() const noexcept { return edge_choices_; }
+  unsigned times_edges_chosen() const noexcept { return times_edges_chosen_; }
 
   /// Sure: the only marker with edges that may be near an event, and it is `on_grid()`; or null, as there is none. Not
   /// sure: `match` must decide.
@@ -207,15 +207,15 @@ class BoardMatcher {
       if (!in_front(marker, T)) return fail();
       const bool was_visible = std::exchange(marker.visible, dot(axis(T, 2), translation(T)) < 0);
       if (marker.visible != was_visible) {
-        ++edge_choices_;
+        ++times_edges_chosen_;
         outgrown = true;
       }
       if (!marker.visible) continue;
-      const unsigned choices = marker.matcher.edge_choices();
+      const unsigned times_chosen = marker.matcher.times_edges_chosen();
       if (!move(marker.matcher, T)) return fail();
       any = true;
-      if (marker.matcher.edge_choices() == choices) continue;
-      ++edge_choices_;
+      if (marker.matcher.times_edges_chosen() == times_chosen) continue;
+      ++times_edges_chosen_;
       outgrown |= !areas_[i].contains(marker.matcher.reach());
     }
     if (outgrown) set_tiles();
@@ -229,7 +229,7 @@ class BoardMatcher {
 
   // No event matches.
   bool fail() noexcept {
-    ++edge_choices_;
+    ++times_edges_chosen_;
     for (Marker& marker : markers_) marker.visible = false;
     set_tiles();
     return false;
@@ -270,7 +270,7 @@ class BoardMatcher {
   PartTiles tiles_;
   SegmentMatcherSettings settings_;
   double margin_ = 0;  // [tangent]
-  unsigned edge_choices_ = 0;
+  unsigned times_edges_chosen_ = 0;
 };
 
 }  // namespace evmarker

@@ -66,7 +66,7 @@ class GridMatcher {
       edge_choice_grid_ = projected_;
       edge_choice_corners_ = edge_choice_grid_.corners();
     }
-    ++edge_choices_;
+    ++times_edges_chosen_;
     return on_grid_ || segments_.project(T_camera_marker);
   }
 
@@ -80,7 +80,7 @@ class GridMatcher {
     return project(T_camera_marker);
   }
   /// A counter that changes whenever edges are chosen at a new pose, by `project`, or by `move` beyond its limit.
-  unsigned edge_choices() const noexcept { return edge_choices_; }
+  unsigned times_edges_chosen() const noexcept { return times_edges_chosen_; }
 
   /// Finds the segment of an event with line of sight (m; 1): see SegmentMatcher::match.
   MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
@@ -354,7 +354,7 @@ class GridMatcher {
   std::array<int, 2> first_stretch_{};  // of cell 0 on line 0 of both coordinates
   bool on_grid_ = false;
   ProjectedGrid::Corners edge_choice_corners_;
-  unsigned edge_choices_ = 0;
+  unsigned times_edges_chosen_ = 0;
   double rate_ = 0;              // of the grid, that the following were computed for [cells per unit of X/Z]
   bool grid_suffices_ = false;   // see update_bounds()
   double fringe_ = 0;            // how far outside of the marker an event may be near an edge [cells]

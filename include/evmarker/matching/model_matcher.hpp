@@ -31,8 +31,10 @@ class ModelMatcher {
   bool move(const Eigen::Isometry3d& T_camera_model, double max_shift_px) noexcept {
     return board_ ? board_->move(T_camera_model, max_shift_px) : grid_.move(T_camera_model, max_shift_px);
   }
-  /// See GridMatcher::edge_choices.
-  unsigned edge_choices() const noexcept { return board_ ? board_->edge_choices() : grid_.edge_choices(); }
+  /// See GridMatcher::times_edges_chosen.
+  unsigned times_edges_chosen() const noexcept {
+    return board_ ? board_->times_edges_chosen() : grid_.times_edges_chosen();
+  }
   /// See SegmentMatcher::match.
   MatchResult match(Vec2 m, Correspondence& correspondence) const noexcept {
     return board_ ? board_->match(m, correspondence) : grid_.match(m, correspondence);

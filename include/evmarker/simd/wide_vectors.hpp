@@ -12,8 +12,8 @@ using Bits = std::integral_constant<std::size_t, kBits>;
 
 }  // namespace detail
 
-// On x86-64. Elsewhere the vectors are those of the processor that the program is compiled for: all of aarch64 has two
-// numbers to a vector.
+// Elsewhere than on x86-64, loops use the vectors that the program is compiled for, and packs those of two doubles that
+// every aarch64 has.
 #if defined(__GNUC__) && defined(__x86_64__)
 
 namespace detail {
@@ -35,6 +35,7 @@ template <typename Loops>
 
 inline int widest_vectors() noexcept {
   __builtin_cpu_init();
+  // Every processor with AVX-512 has FMA.
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
     return 512;
   return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? 256 : 128;
@@ -56,9 +57,9 @@ template <typename Loops>
     loops();
 }
 
-/// Calls `work(bits)` in the same way; `bits` is the width for its `Pack`s, 128 or 256. Packs wider than the vectors
-/// that a function is compiled for would be taken apart in memory; packs of 512 bits would not hold twelve numbers
-/// evenly.
+/// Calls `work(bits)` in the same way; `bits` is the width for its `Pack`s: 128, or 256 where there are vectors of 256
+/// or 512 bits, as the twelve numbers of a column are no multiple of eight. A pack wider than the vectors that a
+/// function is compiled for would be split by way of memory.
 template <typename Work>
 [[gnu::always_inline]] inline void in_packs(const Work& work) noexcept {
   if (detail::kVectorBits == 512)

@@ -41,7 +41,7 @@ class EdgeActivity {
   struct Interval {
     /// Logarithm of how much likelier their events are if half of the edges are hidden than if none is.
     double log_ratio_hidden = 0;
-    double events = 0;         ///< of edges that moved as in the interval before, and whose dark side is known
+    double events = 0;         ///< of edges that moved to the same side as before, and whose dark side is known
     double contradicting = 0;  ///< how many of those do not have the polarity that the motion makes
     double duration_us = 0;
   };
@@ -134,7 +134,7 @@ class EdgeActivity {
     return mean_rate_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * mean_rate_ * length_px;
   }
 
-  // Sums over all edges, and adds their events to their histories.
+  // Sums up what all edges tell of the interval, and adds their events to their histories.
   Interval judge_motion(double swept_px2) noexcept {
     // All events, and the part that confirms the motion: each edge's events, times the share that they are of those
     // expected, at most 1.
@@ -169,7 +169,8 @@ class EdgeActivity {
     return interval;
   }
 
-  // Log likelihood ratio of an edge, if half of the edges are hidden, so that it is with even odds, against if none is.
+  // Log likelihood ratio of an edge's events: that half of the edges are hidden, and this one with even odds, against
+  // that none is.
   // The events of one pixel in one passage come together, so that passed pixels are counted, Poisson distributed:
   // `swept` - `jitter` are expected at least of an edge in sight, kHidden times as many of a hidden one.
   double evidence_of_edge(std::size_t i, double swept, double jitter) const noexcept {
@@ -263,7 +264,7 @@ class EdgeActivity {
 
   double focal_length_;
   int events_to_evaluate_;     // from one evaluation to the next
-  bool printed_ = true;        // all dark sides are known: all edges have about one contrast
+  bool printed_ = true;        // all dark sides are known: one mean rate will do for all edges
   std::vector<Count> counts_;  // of every segment, in this interval
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32

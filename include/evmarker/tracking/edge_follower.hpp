@@ -248,7 +248,7 @@ class EdgeFollower {
     BoardMatcher::Choices choices;
     board.choose_many(events, first, end - first, choices);
     const auto collect_chosen = [&](std::size_t i, Vec2 m) __attribute__((always_inline)) {
-      const int stretch = choices.stretch[i - first];
+      const int stretch = choices.stretch[i - first];  // or a code, see GridMatcher::Choices
       if (const BoardMatcher::Marker* const marker = choices.marker[i - first])
         return collect(m, events.t[i], events.polarity[i], *marker, marker->matcher.choice(stretch, m));
       if (stretch == GridMatcher::Choices::kFar) return Result{MatchResult::far};
@@ -263,11 +263,11 @@ class EdgeFollower {
   [[gnu::always_inline]] static std::size_t collect_while_chosen(const Matcher& matcher, const EventGroup& events,
                                                                  std::size_t first, std::size_t end,
                                                                  const Collect& collect, const After& after) {
-    const unsigned chosen = matcher.edge_choices();
+    const unsigned times_chosen = matcher.times_edges_chosen();
     for (std::size_t i = first; i < end; ++i) {
       const Result result = collect(i, Vec2(events.x[i], events.y[i]));
       const bool go_on = after(i, result);
-      if (!go_on || matcher.edge_choices() != chosen) return i + 1;
+      if (!go_on || matcher.times_edges_chosen() != times_chosen) return i + 1;
     }
     return end;
   }
@@ -353,10 +353,11 @@ class EdgeFollower {
     start_collecting();
     const bool updated = rule_.update(T_camera_marker_, t);
     skipped_updates_ += !updated;
-    const unsigned choices = matcher_.edge_choices();
+    // Edges are chosen anew where their choice is too old, or the pose has moved too far since.
+    const unsigned times_chosen = matcher_.times_edges_chosen();
     in_front_ = choice_lifetime_.count_update() ? matcher_.project(T_camera_marker_)
                                                 : matcher_.move(T_camera_marker_, kChoiceHolds_px);
-    if (matcher_.edge_choices() != choices) adapt_to_edge_length();
+    if (matcher_.times_edges_chosen() != times_chosen) adapt_to_edge_length();
     return updated;
   }
 

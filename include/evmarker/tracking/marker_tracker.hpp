@@ -79,8 +79,8 @@ class MarkerTracker {
   }
 
   /// Takes events and calls `use(pose)` with each pose, valid during the call. The poses are the same as with single
-  /// events, but take less time. After a start search past events are replayed, several with each new one: only their
-  /// last pose is used.
+  /// events, but take less time. After a start search past events are replayed, several with each new one: of the
+  /// poses that one new event leads to, only the last is used.
   template <std::ranges::input_range Events, typename Use>
   requires EventLike<std::ranges::range_value_t<Events>> && std::invocable<const Use&, const PoseEstimate&>
   void push(Events&& events, const Use& use) noexcept(
@@ -118,8 +118,8 @@ class MarkerTracker {
   /// those before the first event on or near the marker, as nothing has been followed yet. Longer ones are bridged if
   /// the rule estimates the motion and still predicts all vertices to within the matching distance; else the marker is
   /// lost. A start search begins again; a gap while the events since a found start are replayed loses the marker.
-  /// @param missing length of the gap alone. It is added to the time of the last event on or near the marker: without
-  /// such events until the gap, the marker did not move
+  /// @param missing length of the gap itself. The motion goes on for this time alone from the last event on or near the
+  /// marker: between that event and the gap the marker was at rest, as it made no events
   /// @return null, or the last pose if the marker is lost
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (progress_.lost() || missing <= kHarmlessGap) return nullptr;
@@ -142,7 +142,8 @@ class MarkerTracker {
     return &lose(LossReason::events_missing);
   }
 
-  /// The pose of the last update, or the start; its `t` is the time of the last event on or near the marker.
+  /// The pose of the last update, at `quality.updated_t`, or the start. Its `t` is the time of the last event on or
+  /// near the marker, to which it is not moved on: see pose_at for that.
   PoseEstimate estimate() const noexcept {
     PoseEstimate pose = pose_;
     return fill(pose);
@@ -165,7 +166,8 @@ class MarkerTracker {
     return refresh_pose();
   }
 
-  /// Keeps the state `converging` while the caller has another pose that may be the right one.
+  /// While ambiguous, a `converging` marker does not become `tracking`: the caller has another pose that may be the
+  /// right one.
   void set_ambiguous(bool ambiguous) noexcept {
     ambiguous_ = ambiguous;
     if (!ambiguous) follower_.set_no_other_pose();
@@ -178,7 +180,7 @@ class MarkerTracker {
   void doubt_tilt(bool both_alike) noexcept { tilt_.doubt(follower_, both_alike); }
   /// See EdgeFollower::follows_motion.
   bool follows_motion() const noexcept { return follower_.follows_motion(); }
-  /// See EdgeFollower::residual; 0 for an event off the sensor.
+  /// See EdgeFollower::residual; no edge and 0 px for an event off the sensor, which speaks for no pose.
   EdgeResidual residual(const Event& event) const noexcept {
     return lines_of_sight_.sensor_size().contains(event.x, event.y)
                ? follower_.residual(lines_of_sight_(event), polarity(event))
@@ -275,9 +277,10 @@ class MarkerTracker {
     if (const BacktrackError* const error = verification_.push(event, updated, follower_, lines_of_sight_)) [[unlikely]]
       apply_verification(*error);
     if (updated) after_update();
-    // Judged at updates and near events only, so that an event that is merely collected stays cheap.
+    // Judged at updates and at events beside an edge that are not matched, so that one that is merely collected stays
+    // cheap.
     if (progress_.settled() && health_.due() && (updated || match == MatchResult::near)) health_.judge_matches(t_);
-    const LossReason certain = progress_.certain_loss();
+    const LossReason certain = progress_.certain_loss();  // that no evidence for the marker outweighs
     if (health_.lost() || certain != LossReason::none) [[unlikely]]
       return &lose(certain != LossReason::none ? certain : health_.reason());
     if (!updated) return nullptr;
@@ -297,7 +300,8 @@ class MarkerTracker {
     if (!ambiguous_ && tilt_.judge(follower_)) {
       verification_.restart(follower_);
       health_.restart_edges();
-      // The follower is now the copy made when the comparison began, maybe before the marker was confirmed.
+      // The marker is tilted to the other side, and its follower is now a copy that has followed it there since the
+      // comparison began, maybe before the marker was confirmed.
       if (progress_.tracking()) follower_.enable_rest_detection();
     }
     if (progress_.converging()) converge();
@@ -382,7 +386,7 @@ class MarkerTracker {
     pose_.quality.backtrack_t = t_;
     const bool passed = verification_.passes(error);
     if (progress_.settled()) health_.judge_verification(passed);
-    if (progress_.add_verification(passed)) verification_.restart(follower_);
+    if (progress_.add_verification(passed)) verification_.restart(follower_);  // at once after a failure: two lose it
   }
 
   // True if every vertex's place in the image has a standard deviation, x and y together, below the matching distance.

@@ -44,10 +44,10 @@ class PlanarHypotheses {
   /// See MarkerTracker::skip. The marker is lost if both poses are.
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (ambiguous_) rival_->skip(missing);
-    const PoseEstimate* const last = tracker_.skip(missing);
+    const PoseEstimate* const lost_pose = tracker_.skip(missing);
     // A loss is not reported if the other pose goes on. A lost rival is dropped with the next pose, see can_decide().
-    if (last && ambiguous_ && keep_better()) return nullptr;
-    return last;
+    if (lost_pose && ambiguous_ && keep_better()) return nullptr;
+    return lost_pose;
   }
 
   MarkerTracker<Rule>& tracker() noexcept { return tracker_; }
@@ -85,7 +85,7 @@ class PlanarHypotheses {
   }
 
  private:
-  // A false detection in the place of a marker that is not seen may come again in the next frame, but hardly so often.
+  // Its code may be read falsely elsewhere, and in the next frame again, but hardly so often in a row.
   static constexpr int kOftenElsewhere = 5;
   // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
   static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
@@ -98,7 +98,8 @@ class PlanarHypotheses {
     rival_->push_checked(event);
     const PoseEstimate* const pose = tracker_.push_checked(event);
     if (!pose) return nullptr;
-    // Before the pose is handed on: a loss is not reported if the other pose goes on.
+    // Before the pose is handed on: a loss is not reported if the other pose goes on. This one, if it is kept, is
+    // reported as before the decision.
     if (can_decide()) return keep_better() ? &tracker_.refresh_pose() : pose;
     tracker_.set_other_pose(rival_->T_camera_marker(), comparison_.probability_of_second());
     return &tracker_.refresh_pose();

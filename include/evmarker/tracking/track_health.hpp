@@ -18,7 +18,8 @@ namespace evmarker {
 struct TrackHealthSettings {
   /// Upper bound of the probability, for each independent piece of evidence (a pixel that an edge passes), of giving up
   /// a marker that is followed and had full confidence. From even odds, as after `restart`, the bound is the square
-  /// root of this setting. Verifications have a rule of their own, see TrackProgress.
+  /// root of this setting. It does not hold for verifications: of these, two failures in a row lose a marker at once,
+  /// see TrackProgress.
   double false_alarm_rate = 1e-6;
 };
 
@@ -86,8 +87,8 @@ class TrackHealth {
     const double share_weight = sure() ? std::min((matched_ + near_) / kShareMemory, 1.0) : 0;
     usual_share_ = std::clamp(usual_share_ + share_weight * (share - usual_share_), kLeastUsual, kMostUsual);
     // While the marker is surely followed, what lies beside its edges is background: its rate is the mean over the
-    // time surely followed, at most kRateMemory_us. Otherwise it follows only with that memory, as the near events may
-    // be the marker's own.
+    // time surely followed, at most kRateMemory_us. Otherwise the rate changes only slowly, with that whole
+    // memory, as the near events may be the marker's own.
     if (sure()) known_us_ = std::min(known_us_ + dt_us, kRateMemory_us);
     // Events of one time stamp have no rate.
     const double rate_weight = dt_us > 0 ? dt_us / (sure() ? std::max(known_us_, dt_us) : dt_us + kRateMemory_us) : 0;
@@ -139,7 +140,7 @@ class TrackHealth {
   bool lost() const noexcept { return lost_; }
   /// True while no test speaks against the marker, and its matches speak for it.
   bool sure() const noexcept { return least() >= 0 && log_odds(LossReason::inconsistent) > bound_ / 2; }
-  /// True while more speaks against it than for it.
+  /// True while one of the tests speaks more against it than for it.
   bool doubtful() const noexcept { return probability_ < 0.5; }
   /// Probability that the marker is followed, by the test that speaks most against it.
   double probability() const noexcept { return probability_; }

@@ -51,7 +51,7 @@ class Tracker {
 
   const TrackerStatistics& statistics() const noexcept { return core_.statistics(); }
   const PolarityFrame& polarity_frame() const noexcept { return core_.polarity_frame(); }
-  /// The `MarkerTracker` of every marker that is being tracked. Range and trackers are valid until the next push.
+  /// The `MarkerTracker` of every confirmed marker. Range and trackers are valid until the next push.
   MarkerRange<Rule> markers() const noexcept { return core_.markers(); }
 
  private:
@@ -68,7 +68,8 @@ class Tracker {
     }
   }
 
-  // Starts the detection or takes the result that is due at time t.
+  // Runs the detector if a detection is due at time t, and takes the result if that is due: `detection_latency` later,
+  // which may be at once.
   template <typename Use>
   void run_detector(Timestamp t, const Use& use) {
     if (core_.detection_due(t)) detect(core_.request_detection(t));

@@ -73,7 +73,8 @@ class TrackerCore {
   template <std::predicate<const Event&> Stop, std::invocable<const PoseEstimate&> Use>
   std::size_t push(std::span<const Event> events, const Stop& stop, const Use& use) {
     if (events.empty()) return 0;
-    // One by one while tentative markers catch up, some past events with each new one, or where a time is to be judged.
+    // One by one as long as there are tentative markers, as each new event makes them replay a few past ones; and where
+    // TimeGuard has to judge a time.
     const bool single = events.size() == 1 || !tentative_.empty() || !guard_.passes(events.front().t);
     const std::size_t taken = single ? push_one(events.front(), stop) : push_many(events, stop);
     deliver(use);
@@ -84,10 +85,10 @@ class TrackerCore {
   /// nothing if `event` would be held back itself [us].
   std::optional<Timestamp> next_t(const Event& event) const noexcept { return guard_.next_t(event.t); }
 
-  /// True while a detected marker has not been given all events since its detection.
+  /// True while a marker that is not confirmed yet has not been given all events since its detection.
   bool behind() const noexcept { return !tentative_.caught_up(events_.history()); }
 
-  /// Gives each detected marker at most `events` of the events that it has not had yet; to be called while no new
+  /// Gives each of these markers at most `events` of the events that it has not had yet; to be called while no new
   /// events come.
   template <std::invocable<const PoseEstimate&> Use>
   void catch_up(int events, const Use& use) {
@@ -107,8 +108,8 @@ class TrackerCore {
     deliver(use);
   }
 
-  /// True if a detection should be requested now, at the time of the last event that was tracked. False while a result
-  /// is pending.
+  /// True if a detection should be requested now. False while a result is pending.
+  /// @param t time of the last event that was tracked
   bool detection_due(Timestamp t) const noexcept { return schedule_.due(t, search_often_); }
 
   /// True while no marker is confirmed, one waits to be confirmed, or one was lost a short time ago.
@@ -141,13 +142,13 @@ class TrackerCore {
   template <std::invocable<const PoseEstimate&> Use>
   void register_markers(const DetectionResult& result, const Use& use) {
     schedule_.end();
-    confirmed_.free_memory();  // of rivals that were dropped since: on the event path none is freed
+    confirmed_.free_memory();  // of dropped second poses, see PlanarHypotheses: on the event path none is freed
     statistics_.unusable_poses += result.unusable_poses;
     missing_.remove_detected(result);
     tentative_.add(result.sightings);
     announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
-    // After a gap in the events since the frame, what it showed cannot be followed to the present, see skip_to.
+    // If events have gone missing since the frame was taken, what it shows cannot be followed to now, see skip_to.
     const bool followable = result.events_in_frame > followable_from_;
     if (followable)
       for (const DetectionResult::Marker& found : result.markers) {
@@ -172,9 +173,9 @@ class TrackerCore {
   MarkerRange<Rule> markers() const noexcept { return MarkerRange<Rule>(confirmed_.all()); }
 
  private:
-  // A longer gap counts as this long: nothing is bridged either way.
+  // Longer gaps count as this long, which fits into std::chrono::microseconds and is too long to be bridged.
   static constexpr std::uint64_t kLongestGap_us = 1000000000;
-  static constexpr std::size_t kTogether = EventGroup::kMost;  // events for each marker in a batch: matched together
+  static constexpr std::size_t kPerMarker = EventGroup::kMost;  // events in a batch per marker: about a group of each
   static constexpr std::size_t kBetweenChecks = HotPixels::kEventsPerUpdate;  // also the most of a batch
   static constexpr std::size_t kPrefetchDistance = 32;  // events: the memory is ready by then, and still cached
   static constexpr int kCatchUp = 2;  // events that a tentative marker replays for each new one: it is soon up to date
@@ -222,21 +223,21 @@ class TrackerCore {
   // Tracks one event whose time has been checked.
   template <typename Stop>
   void track(const Event& event, const Stop& stop) {
-    events_.count(std::span(&event, 1));
+    events_.count(std::span(&event, 1));  // before or after the rest alike: what counts as hot changes at checks only
     const Verdict verdict = preprocess(event);
     if (verdict == Verdict::discarded) return;
     confirmed_.push(event, [this](const PoseEstimate& pose) { collect(pose); });
     if (!poses_.empty()) move_lost_to_missing();  // a loss comes with a pose
     if (!tentative_.empty()) [[unlikely]]
       catch_up(kCatchUp);
-    if (verdict == Verdict::accepted) stop(event);
+    if (verdict == Verdict::accepted) stop(event);  // whatever it answers: no other event is taken
   }
 
   // The same poses as one by one, and faster: each marker gets its events in groups.
   template <typename Stop>
   std::size_t push_many(std::span<const Event> events, const Stop& stop) {
     check_if_due();
-    const std::size_t together = kTogether * std::max<std::size_t>(confirmed_.size(), 1);
+    const std::size_t together = kPerMarker * std::max<std::size_t>(confirmed_.size(), 1);
     const std::size_t until_check = kBetweenChecks - statistics_.events % kBetweenChecks;
     const std::size_t count = guard_.passing(events.first(std::min({events.size(), together, until_check})));
     std::size_t taken = 0;
@@ -339,8 +340,8 @@ class TrackerCore {
     tentative_.for_each(note);
   }
 
-  // True if a marker was detected elsewhere than its tracker had it at the time of the detector's frame; since then it
-  // may have moved by more than its size. False if it was not tracked then.
+  // True if a marker was detected elsewhere than its tracker had it when the frame was taken: not where it has it now,
+  // as it may have moved by more than its size since. False if it was not tracked then.
   bool was_elsewhere(const DetectionResult::Marker& found) const {
     const auto then = std::ranges::find(at_request_, found.detection.id, &PlacedMarker::id);
     return then != at_request_.end() && !same_place(found, then->T_camera_marker);

@@ -69,7 +69,7 @@ inline BacktrackError backtrack_error(const Eigen::Isometry3d& forward, const Ei
 /// @param covariance of the pose, see PoseEstimate
 /// @param T the origin [m, camera frame]
 inline double origin_deviation_px(const Matrix6d& covariance, Vec3 T, double focal_length) noexcept {
-  const Vec2 variances = image_variances(covariance, T, {}, focal_length);
+  const Vec2 variances = image_variances(covariance, T, Vec3(), focal_length);
   return std::sqrt(std::max(0.0, variances.x)) + std::sqrt(std::max(0.0, variances.y));  // rounding may go below 0
 }
 
@@ -165,7 +165,7 @@ class Verification {
                           steps_left_ == 0;
     const bool nearly_full = window_.size() > window_.capacity() - std::max<std::size_t>(window_.capacity() / 8, 1);
     if (!updated || (!complete && !nearly_full)) return error;
-    if (steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // nearly full: to its end
+    if (steps_left_ > 0) error = step_back(steps_left_, lines_of_sight);  // the new window is nearly full: no more time
     turn_back(forward);
     begin_filling(forward);
     if (std::exchange(brief_, false)) return step_back(steps_left_, lines_of_sight);  // a tracker waits for the result

@@ -89,6 +89,7 @@ class AdaptiveMotion {
     const double speed = EdgeSpeed::of(state.twist, lever2).all, sigma = std::sqrt(state.speed_variance(lever2));
     if (carried_s * std::max(speed, sigma) <= bound_.most_m() || !gradients_.known()) return;
     const std::array<double, 6> v = state.twist.array();
+    // Squared speed of the edges along their normals, by the velocity and by its covariance.
     const double mean2 = gradients_.px2([&](std::size_t k, std::size_t i) { return v[k] * v[i]; });
     const double variance = gradients_.px2([&](std::size_t k, std::size_t i) {
       return state.P.xx(6 + static_cast<Eigen::Index>(k), 6 + static_cast<Eigen::Index>(i));
@@ -100,9 +101,9 @@ class AdaptiveMotion {
   /// The motion over dt [s], with a process noise limited to what is possible.
   Step step(double dt, const Vec6& twist, const MeasurementStatistics& statistics) const noexcept {
     const std::array<double, 6> q = noise_.density(EdgeSpeed::of(twist, statistics.lever2()), statistics.lever2());
-    const double lever2 = statistics.known() ? std::max(statistics.lever2(), ProcessNoise::kSmallestLever2)
-                                             : std::numeric_limits<double>::infinity();
-    return {bound_.limited(motion_step(dt, fading_), q[0], lever2), q};
+    const double lever2_of_bound = statistics.known() ? std::max(statistics.lever2(), ProcessNoise::kSmallestLever2)
+                                                      : std::numeric_limits<double>::infinity();  // limits no turn
+    return {bound_.limited(motion_step(dt, fading_), q[0], lever2_of_bound), q};
   }
 
   /// How far a velocity carries in dt [s] while it fades.
@@ -119,7 +120,7 @@ class AdaptiveMotion {
     return {s, s != 0 ? moved(twist, s) : Vec6()};
   }
 
-  /// Speed of the edges in the image, not only along their normals [px/s]; at most so much, as those of translation and
+  /// Upper estimate of the speed of the edges in the image, in any direction [px/s]: the speeds by translation and
   /// rotation are added, and motion along the line of sight counts as much as across it.
   static double px_per_s(const Vec6& twist, const MeasurementStatistics& statistics) noexcept {
     return std::sqrt(statistics.gradient2()) * EdgeSpeed::of(twist, statistics.lever2()).all;

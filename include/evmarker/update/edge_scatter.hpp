@@ -18,7 +18,7 @@ namespace evmarker {
 class EdgeScatter {
  public:
   static constexpr std::size_t kStates = 7;  ///< of a row: pose and edge offset
-  using Row = std::array<double, kStates>;   ///< the derivatives of a residual by these
+  using Row = std::array<double, kStates>;   ///< how a residual grows with an error of these
 
   /// Adds the residual of an event.
   /// @param edge its number; edges whose numbers are equal modulo 64 count as one
@@ -67,7 +67,8 @@ class EdgeScatter {
   }
   /// Mean squared error of an edge, along its normal [px^2].
   double variance_px2() const noexcept { return variance_px2_; }
-  /// About the share of the events of which it is known on which side their edge is dark; contrasts weigh them.
+  /// About the share of the events of which it is known on which side their edge is dark, each weighted by the square
+  /// of its contrast.
   double share_of_known_dark_sides() const noexcept { return share_of_known_dark_sides_; }
 
  private:
@@ -77,7 +78,8 @@ class EdgeScatter {
   static constexpr double kLeastInformation =
       1e-6;  // of the offset, where no dark side is known; it is about 1 where all are
 
-  // Edges that err with variance v, and effectively are k: the pose errs as if found by k measurements of variance v.
+  // Edges that err with variance v, and whose effective number is k, see evaluate: the pose errs as if found by k
+  // measurements of variance v.
   // @param variance_by_count v / k
   void spread_to_pose(double variance_by_count) noexcept {
     using Matrix = Eigen::Matrix<double, kStates, kStates>;

@@ -125,7 +125,7 @@ class KalmanUpdate {
     perturb(T_camera_marker, step);
     if (steps_ % kStepsToMend == 0) {
       state_.P.symmetrize();
-      measure_errors();
+      measure_errors();  // slow, too, so as rarely
     }
     state_.twist = twist;
     state_.lead = lead;
@@ -134,9 +134,9 @@ class KalmanUpdate {
     return good;
   }
 
-  /// @param weight of the matched events' information, by the events beside the edges: 1 if at least half of those
-  /// matched surely come from moving edges, 0 at rest. Raised if the polarities of the events matched since the last
-  /// call show more motion: a small, fast marker makes many events beside its edges itself.
+  /// @param weight of the matched events' information, as the events beside the edges show it: 1 if at least half of
+  /// those matched surely come from moving edges, 0 at rest. It is raised here if the polarities of the events matched
+  /// since the last call show more motion: a small, fast marker makes many events beside its edges itself.
   /// @param noise_per_s noise events that match edges
   void set_signal_weight(double weight, double noise_per_s) noexcept {
     signal_weight_ = std::max(weight, std::min(1.0, 2 * polarities_.least_moving_share()));
@@ -183,7 +183,7 @@ class KalmanUpdate {
 
   /// Moves the pose on to a time until which all events have been added: their number bounds the motion, and at rest
   /// the pose and its covariance hold until then. Only for copies that predict a pose, and after a gap: at rest it
-  /// moves the rule's time on, so that its next `update` no longer predicts over the standstill before.
+  /// moves the rule's time on, and a rule that goes on has to predict over the whole standstill at its next `update`.
   void advance_by_event_count(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
     if (at_rest()) {
       forget_events();
@@ -194,8 +194,8 @@ class KalmanUpdate {
     move_to(T_camera_marker, t);
   }
 
-  /// Goes over to another pose, whose motions are J times those of the present one, and which is nearly right: as a
-  /// start pose. Forgets the events since the last update.
+  /// Goes over to another pose, whose motions are J times those of the present one. It is trusted no more than a start
+  /// pose: the initial variances are added. Forgets the events since the last update.
   void transform(const Matrix6d& J) noexcept {
     forget_events();
     state_.transform(J);
@@ -283,14 +283,14 @@ class KalmanUpdate {
 
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight, double polarity) noexcept {
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
-    const double px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
+    const double along_normal_px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
     if (!at_rest()) errors_.add_sample(row, weight);
-    motion_.add_sample({row[0], row[1], row[2], row[3], row[4], row[5]}, px_per_s);
-    if (signal_weight_ != 1) return;  // noise at rest spreads anywhere
-    // The row's trail has the sign of -s p, see MeasurementModel, and is 0 where the dark side or the polarity is not
-    // known: such an event is taken to fit.
-    const bool fits = -row[6 + kTrail] * model_.time_direction * px_per_s >= 0;
-    errors_.add_moving_sample(row[kResidual], px_per_s, fits ? polarity : 0);
+    motion_.add_sample({row[0], row[1], row[2], row[3], row[4], row[5]}, along_normal_px_per_s);
+    if (signal_weight_ != 1) return;  // not surely events of moving edges: noise lies anywhere
+    // Whether the polarity is the one that the motion makes. The row's trail has the sign of -s p, see
+    // MeasurementModel; where it is 0, the dark side or the polarity is not known, and the event is taken to fit.
+    const bool fits_motion = -row[6 + kTrail] * model_.time_direction * along_normal_px_per_s >= 0;
+    errors_.add_moving_sample(row[kResidual], along_normal_px_per_s, fits_motion ? polarity : 0);
   }
 
   // Learns from the events of a step of length dt, and bounds its motion by their number.
@@ -298,8 +298,7 @@ class KalmanUpdate {
     if (count > 0) {
       statistics_.update_means(count);
       model_.spread_px2 = statistics_.spread_px2();
-    }
-    if (count > 0) {  // by their number, or by the velocity until it is known how many events a passage has
+      // By the number of events or, until it is known how many a passage has, by the velocity.
       const MotionBound& bound = motion_.bound();
       errors_.add_motion(bound.is_set() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
     }
@@ -359,12 +358,13 @@ class KalmanUpdate {
                     bound.is_set() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
   }
 
-  // The motion by which the model tells events of moving edges from noise.
+  // Gives the model the motion: by it, it tells events of moving edges from noise, and where late ones lie.
   void update_motion_of_model() noexcept {
     model_.twist = state_.twist;
     model_.response_s = errors_.response_s();
-    model_.noise_px_per_s = motion_.bound().px(noise_per_s_);
-    // Of the speed along one normal: a third of the variances, which are summed over three axes.
+    model_.noise_px_per_s = motion_.bound().px(noise_per_s_);  // events a second make pixels a second
+    // Of the speed along one normal: a third of the variances, which are summed over three axes. At least the speed at
+    // which an edge makes as many events as the noise: slower motion is not told from rest.
     const double variance = statistics_.gradient2() * state_.speed_variance(statistics_.lever2()) / 3;
     model_.speed_deviation_px_per_s =
         std::max({kLeastDeviation, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostDeviation)});
@@ -393,6 +393,7 @@ class KalmanUpdate {
             squared(1e3 * settings_.initial_sigma_off_delay_s)};
   }
 
+  // In any direction, see AdaptiveMotion::px_per_s.
   double px_per_s() const noexcept { return motion_.px_per_s(state_.twist, statistics_); }
 
   // The second moment about this pose of two that may be right.

@@ -22,7 +22,7 @@ struct EventMeasurement {
   double residual2;             ///< d squared [px^2]
   double lever2;                ///< |E - T| squared [m^2]
   double gradient2;             ///< |g| squared, see `measure` [px^2/m^2]
-  double toward_dark_px_per_s;  ///< speed of the edge along its normal
+  double toward_dark_px_per_s;  ///< speed of the edge along its normal, which points to the dark side if that is known
 };
 
 /// Where the events of an edge lie. Edge offset: how far [px] they lie on average toward the dark side of their edge.
@@ -33,10 +33,10 @@ struct EventMeasurement {
 /// pose lag behind the marker. The offset is proportional to the logarithm of an edge's contrast, the trail to the
 /// inverse of that logarithm; `contrast` below is the logarithm, relative to the mean of all edges, see EdgeContrasts.
 /// OFF delay: how much later OFF events come than ON events; negative if they come earlier. Pixels answer more slowly
-/// in the dark, and the polarity with the smaller threshold makes more events, each followed by a dead time. ON events
-/// lie ahead of the mean of both polarities by the way that their edge makes in half of that delay, and OFF events as
-/// far behind it, both toward the dark side. Ignored, it becomes part of the edge offset, which then changes with the
-/// speed.
+/// in the dark; and the polarity with the smaller threshold makes more events, so that more dead times make it late. ON
+/// events lie ahead of the mean of both polarities by the way that their edge makes in half of that delay, and OFF
+/// events as far behind it, both toward the dark side. Ignored, it becomes part of the edge offset, which then changes
+/// with the speed.
 struct MeasurementModel {
   std::array<double, kBiases> bias{};  ///< edge offset [px], trail [px], OFF delay [ms]
   double robust_px = 1;                ///< scale of the Cauchy weights
@@ -66,14 +66,14 @@ struct MeasurementModel {
                        px_per_s(c.gradient, cross(lever, c.gradient)));
   }
 
-  /// The measurement of an event: one row [J; d] of d = J [pose; biases], these being errors of the state, with
-  /// J = [g, (E - T) x g, s c, -s p / c, p v / 2], T the marker's origin, c the edge's `contrast`, v its
-  /// speed toward the dark [px/ms].
+  /// The measurement of an event: one row [J; d] of d = J [pose; biases], these being what the true state is off from
+  /// the estimated one, with J = [g, (E - T) x g, s c, -s p / c, p v / 2], T the marker's origin, c the edge's
+  /// `contrast`, v its speed along its normal [px/ms].
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
-  /// there: events lie up to half a pixel farther inside of the corner. If they counted like others, markers would seem
-  /// nearer than they are.
+  /// there: events lie up to half a pixel farther inside of the corner. If they counted like others, the edge offset of
+  /// all would become too large, which makes up for more than it should: markers would seem nearer than they are.
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                   double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
@@ -110,6 +110,8 @@ struct MeasurementModel {
   // dark, and OFF events while it moves away from it, in number proportional to its speed.
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
     const double absolute = std::abs(toward_dark_px_per_s);
+    // Speed in the direction that makes events of this polarity, negative if the edge moves the other way; in either
+    // direction where dark side or polarity is not known.
     const double x = sp * toward_dark_px_per_s + (1 - std::abs(sp)) * absolute;
     // The mean of max(x, 0), where x is uncertain by sigma = `speed_deviation_px_per_s`, is taken as max(x, 0) +
     // sigma^2 / b: more than a normal distribution gives at x < 0, so that no event is surely noise. All is

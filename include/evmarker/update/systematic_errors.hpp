@@ -40,8 +40,9 @@ class SystematicErrors {
   /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
   /// @param spread_px2 mean squared residual
   void add_motion(double px, double spread_px2) noexcept {
-    constexpr double kSpreads = 8;  // two to three times the width of an edge
-    constexpr double kWidth = 3.5;  // of an edge over which events lie evenly
+    // In root mean square residuals: an edge over which events lie evenly is sqrt(12) wide, and two to three times that
+    // is enough for an evaluation.
+    constexpr double kWidth = 3.5, kSpreads = 8;
     moved_px_ += px;
     have_moved_ |= moved_px_ > kWidth * std::sqrt(spread_px2);
     if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate();
@@ -66,10 +67,11 @@ class SystematicErrors {
     if (moving) misfit_.measure_spread(spread_px2, max_distance_px_, smear_px(px_per_s));
     if (events_per_passage > 0) {
       const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
-      // The width tells half a step. And what is not known of a delay looks like a trail.
+      // The trail by the width is half a contrast step, and a whole one is possible. What is not known of a delay looks
+      // like a trail, too.
       most_trail_px_ =
           std::max(2 * by_width_px + std::sqrt(response_time_.delay_variance_s2()) * px_per_s, initial_trail_px_);
-      // Where it is not known which side of an edge is dark, the filter does not correct the trail.
+      // Where it is not known which side of an edge is dark, the filter takes its events to have no trail.
       misfit_.compare_trails(edges_.share_of_known_dark_sides() * trail_px, by_width_px);
     }
     edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
