@@ -63,7 +63,7 @@ class UsualEvents {
   Numbers smallest_, largest_{};
 };
 
-/// See UsualEvents. Both halves at once, as an instruction on vectors waits two cycles for the one that it continues.
+/// See UsualEvents. Both halves at once: two chains of instructions, each of which waits for the one before in its own.
 /// @param last time before these events
 inline bool are_usual(std::span<const Event> events, Timestamp last, SensorSize size) noexcept {
   const std::size_t half = events.size() / 2;

@@ -77,14 +77,13 @@ class TrackingLoop {
     if (block != nullptr) {
       const BlockGuard guard(*this, block);
       deliver_triggers(block->number());
-      // If events before this block were dropped by `push`, or removed from the queue unread, which leaves a gap in the
-      // numbers of the blocks.
+      // Were events before this block dropped by `push`, or removed from the queue unread? The latter leaves a gap in
+      // the numbers of the blocks.
       if (block->follows_dropped() || block->number() != progress_.block + 1)
         core_.skip_to(block->first_t(), deliver_untimed());
       track(*block);
       progress_.block = block->number();
-      // Before the block is free: a push could refill it, and `queue_depth` would count its events twice until the
-      // next.
+      // Before the block is free: refilled by a push, its events would count twice in `queue_depth`.
       shared_.published.publish(core_, progress_);
     } else {
       catch_up();

@@ -72,8 +72,8 @@ struct MeasurementModel {
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
-  /// there: events lie up to half a pixel farther inside of the corner. If they counted like others, the edge offset of
-  /// all would become too large, which makes up for more than it should: markers would seem nearer than they are.
+  /// there: events lie up to half a pixel farther inside of the corner. If they counted like others, markers would seem
+  /// nearer than they are, as was measured.
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                   double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
