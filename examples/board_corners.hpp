@@ -1,5 +1,6 @@
 #pragma once
 // Where a recording shows the markers of a board in the image, at many instants.
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,6 +19,7 @@
 struct SeenMarker {
   const evmarker::BoardMarker* marker = nullptr;
   std::array<evmarker::Vec2, 4> corners_px;  ///< in the distorted image, from the marker's top left clockwise
+  std::array<evmarker::Vec2, 4> px_per_s{};  ///< of the corners, once `measure_velocities` has been called
 };
 
 /// A view of a board: its markers that are tracked at an instant.
@@ -39,6 +41,8 @@ inline std::array<evmarker::Vec3, 4> corners_of(const evmarker::BoardMarker& mar
 /// a whole board do not.
 class MarkerFollower {
  public:
+  static constexpr evmarker::Timestamp kInterval_us = 10000;
+
   /// @param camera as far as it is known
   MarkerFollower(const evmarker::PinholeCamera& camera, const evmarker::Board& board, const std::string& dictionary,
                  int border_cells)
@@ -46,9 +50,8 @@ class MarkerFollower {
         board_(board),
         tracker_(camera, {camera, detector_settings(board, dictionary, border_cells)}, tracker_settings()) {}
 
-  /// Takes events, and adds a view to `views` every 10 ms.
+  /// Takes events, and adds a view to `views` every `kInterval_us`.
   void push(std::span<const evmarker::Event> events, std::vector<BoardCorners>& views) {
-    constexpr evmarker::Timestamp kInterval_us = 10000;
     while (!events.empty()) {
       if (next_t_ == kNone) next_t_ = events.front().t + kInterval_us;
       const auto end = std::ranges::find_if(events, [&](const auto& event) { return event.t >= next_t_; });
@@ -89,7 +92,7 @@ class MarkerFollower {
       const auto marker = std::ranges::find(board_.markers, tracked.id(), &evmarker::BoardMarker::id);
       const Eigen::Isometry3d T = tracked.pose_at(t).T_camera_marker;
       const auto square = evmarker::make_square_marker(marker->length).vertices;
-      SeenMarker seen{&*marker, {}};
+      SeenMarker seen{&*marker, {}, {}};
       for (std::size_t i = 0; i < 4; ++i) seen.corners_px[i] = Eigen::Vector2d(camera_.project(T * square[i]));
       if (is_resolved(seen) && is_inside(seen)) view.markers.push_back(seen);
     }
@@ -121,12 +124,13 @@ class MarkerFollower {
   evmarker::Timestamp next_t_ = kNone;
 };
 
+inline constexpr std::size_t kFewestMarkers = 4;  ///< of a view that tells of the camera
+
 /// Drops markers that are not where the others of a view say, and views of less than four: a marker may have been taken
 /// for its neighbour. By the homography of the flat board, after the lens as far as it is known.
 /// @param tolerance_px how far a corner may be off
 inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::PinholeCamera& camera,
                           double tolerance_px) {
-  constexpr std::size_t kFewest = 4;
   for (BoardCorners& view : views) {
     std::vector<cv::Point2d> on_board, in_image;
     for (const SeenMarker& seen : view.markers)
@@ -136,14 +140,68 @@ inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::Pinh
         in_image.emplace_back(camera.focal_length() * m.x, camera.focal_length() * m.y);
       }
     std::vector<uchar> fits(on_board.size());
-    if (view.markers.size() >= kFewest) cv::findHomography(on_board, in_image, cv::RANSAC, tolerance_px, fits);
+    if (view.markers.size() >= kFewestMarkers) cv::findHomography(on_board, in_image, cv::RANSAC, tolerance_px, fits);
     std::size_t number = 0;
     std::erase_if(view.markers, [&](const SeenMarker&) {
       const auto first = fits.begin() + static_cast<std::ptrdiff_t>(4 * number++);
       return std::find(first, first + 4, 0) != first + 4;
     });
   }
-  std::erase_if(views, [](const BoardCorners& view) { return view.markers.size() < kFewest; });
+  std::erase_if(views, [](const BoardCorners& view) { return view.markers.size() < kFewestMarkers; });
+}
+
+namespace detail {
+
+// The image of a plane moves by eight numbers (Longuet-Higgins): a field of that form through the velocities of all
+// corners has less noise than each.
+inline void smooth_velocities(BoardCorners& view) {
+  constexpr double kUnit_px = 100;  // of about the size of a board, so that the equations are well conditioned
+  const auto rows = static_cast<Eigen::Index>(8 * view.markers.size());
+  Eigen::Matrix<double, Eigen::Dynamic, 8> field(rows, 8);
+  Eigen::VectorXd px_per_s(rows);
+  const evmarker::Vec2 origin = view.markers[0].corners_px[0];
+  Eigen::Index row = 0;
+  for (const SeenMarker& seen : view.markers)
+    for (std::size_t i = 0; i < 4; ++i, row += 2) {
+      const evmarker::Vec2 m = 1 / kUnit_px * (seen.corners_px[i] - origin);
+      field.row(row) << 1, m.x, m.y, 0, 0, 0, m.x * m.x, m.x * m.y;
+      field.row(row + 1) << 0, 0, 0, 1, m.x, m.y, m.x * m.y, m.y * m.y;
+      px_per_s.segment<2>(row) = Eigen::Vector2d(seen.px_per_s[i]);
+    }
+  const Eigen::VectorXd smooth = field * field.colPivHouseholderQr().solve(px_per_s);
+  row = 0;
+  for (SeenMarker& seen : view.markers)
+    for (std::size_t i = 0; i < 4; ++i, row += 2) seen.px_per_s[i] = Eigen::Vector2d(smooth.segment<2>(row));
+}
+
+}  // namespace detail
+
+/// Sets how fast the corners move, by where they are seen one view before and one after. Not by the trackers' own
+/// velocities: a marker that is seen too far ahead is taken for faster, too. Drops markers that are not seen in both,
+/// and views of less than four.
+inline void measure_velocities(std::vector<BoardCorners>& views) {
+  const auto marker_in = [](const BoardCorners& view, const SeenMarker& seen) {
+    const auto found = std::ranges::find(view.markers, seen.marker, &SeenMarker::marker);
+    return found == view.markers.end() ? nullptr : &*found;
+  };
+  std::vector<BoardCorners> moving;
+  for (std::size_t i = 1; i + 1 < views.size(); ++i) {
+    const BoardCorners &before = views[i - 1], &after = views[i + 1];
+    const evmarker::Timestamp between = after.t - before.t;
+    if (between != 2 * MarkerFollower::kInterval_us) continue;  // views between were dropped
+    BoardCorners view{views[i].t, {}};
+    for (SeenMarker seen : views[i].markers) {
+      const SeenMarker *const was = marker_in(before, seen), *const will_be = marker_in(after, seen);
+      if (was == nullptr || will_be == nullptr) continue;
+      for (std::size_t k = 0; k < 4; ++k)
+        seen.px_per_s[k] = 1e6 / static_cast<double>(between) * (will_be->corners_px[k] - was->corners_px[k]);
+      view.markers.push_back(seen);
+    }
+    if (view.markers.size() < kFewestMarkers) continue;
+    detail::smooth_velocities(view);
+    moving.push_back(std::move(view));
+  }
+  views = std::move(moving);
 }
 
 /// Chooses views that differ as much as they can in place, distance and tilt of the board: each next one is the one

@@ -151,7 +151,7 @@ CameraFit find_start(const Recording& recording, const CameraFitter& fitter) {
   return *best;
 }
 
-// Standard deviations, by the jackknife.
+// Standard deviations, by the jackknife; and as if half of what the corners' errors do to the camera was still missed.
 struct Deviations {
   Intrinsics of{};
   ImageDifference in_image;
@@ -160,14 +160,17 @@ struct Deviations {
 Deviations deviations_of(const std::vector<BoardCorners>& views, const CameraFit& fit, const CameraFitter& fitter) {
   Deviations sigma;
   const PinholeCamera camera = fitter.camera(fit.intrinsics);
-  leave_out_tenths(views, [&](const std::vector<BoardCorners>& others) {
-    const Intrinsics without = fitter.refit(others, fit.intrinsics).intrinsics;
-    const ImageDifference difference = image_difference(camera, fitter.camera(without));
-    for (std::size_t i = 0; i < without.size(); ++i)
-      sigma.of[i] += kJackknifeWeight * std::pow(without[i] - fit.intrinsics[i], 2);
+  const auto add = [&](double weight, const Intrinsics& other) {
+    const ImageDifference difference = image_difference(camera, fitter.camera(other));
+    for (std::size_t i = 0; i < other.size(); ++i) sigma.of[i] += weight * std::pow(other[i] - fit.intrinsics[i], 2);
     for (std::size_t i = 0; i < difference.px.size(); ++i)
-      sigma.in_image.px[i] += kJackknifeWeight * std::pow(difference.px[i], 2);
+      sigma.in_image.px[i] += weight * std::pow(difference.px[i], 2);
+  };
+  leave_out_tenths(views, [&](const std::vector<BoardCorners>& others) {
+    add(kJackknifeWeight, fitter.refit(others, fit.intrinsics).intrinsics);
   });
+  constexpr double kMissed = 0.5;
+  add(kMissed * kMissed, fitter.refit(views, fit.intrinsics, false).intrinsics);
   for (double& s : sigma.of) s = std::sqrt(s);
   for (double& s : sigma.in_image.px) s = std::sqrt(s);
   return sigma;
@@ -221,6 +224,7 @@ void calibrate(const Options& options) {
     const PinholeCamera camera = fitter.camera(fit.intrinsics);
     views = recording.views(camera, "following the markers");
     drop_outliers(views, camera, kOutlier_px);
+    measure_velocities(views);
     require_seen(views.size(), kFewest);
     views = spread(views, kMostViews);
     fit = fitter.refit(views, fit.intrinsics);

@@ -47,8 +47,9 @@ inline cv::Mat draw_calibration(const std::vector<BoardCorners>& views, const Ca
   std::array<Mean, kColumns * kRows> means{};
   for (std::size_t view = 0; view < views.size(); ++view)
     for (const SeenMarker& seen : views[view].markers) {
-      const auto projected =
-          detail::project_marker(*seen.marker, fit.intrinsics.data(), fit.poses[view].data(), model).px;
+      const Eigen::Matrix<double, 8, 1> projected =
+          detail::project_marker(*seen.marker, fit.intrinsics.data(), fit.poses[view].data(), model).px +
+          fit.errors.of(seen);
       for (std::size_t i = 0; i < 4; ++i) {
         const evmarker::Vec2 corner = seen.corners_px[i];
         const auto row = static_cast<Eigen::Index>(2 * i);

@@ -1,6 +1,7 @@
 #pragma once
 // A camera's intrinsics from views of a flat board, and how well they are known.
 #include <ceres/ceres.h>
+#include <ceres/normal_prior.h>
 
 #include <algorithm>
 #include <array>
@@ -27,6 +28,7 @@ inline evmarker::PinholeCamera camera_of(const Intrinsics& k, LensModel model, e
 struct CameraFit {
   Intrinsics intrinsics{};
   std::vector<std::array<double, 6>> poses{};  ///< of the board in each view: rotation vector, translation
+  CornerErrors errors{};                       ///< of what is seen
   double rms_px = 0;                           ///< of the corners' distances, per coordinate
 };
 
@@ -69,8 +71,9 @@ class CameraFitter {
   }
 
   /// From the intrinsics of a fit to other views.
+  /// @param corners_err whether errors that all corners share are estimated, too
   /// @throws std::runtime_error where the views determine no camera
-  CameraFit refit(const std::vector<BoardCorners>& views, const Intrinsics& intrinsics) const {
+  CameraFit refit(const std::vector<BoardCorners>& views, const Intrinsics& intrinsics, bool corners_err = true) const {
     CameraFit fit{.intrinsics = intrinsics};
     const evmarker::PinholeCamera camera = camera_of(intrinsics, model_, size_);
     for (const BoardCorners& view : views) {
@@ -87,20 +90,28 @@ class CameraFitter {
       cv::solvePnP(on_board, undistorted, cv::Matx33d::eye(), cv::noArray(), r, t);
       fit.poses.push_back({r[0], r[1], r[2], t[0], t[1], t[2]});
     }
-    return adjusted(views, std::move(fit));
+    return adjusted(views, std::move(fit), corners_err);
   }
 
   evmarker::PinholeCamera camera(const Intrinsics& intrinsics) const { return camera_of(intrinsics, model_, size_); }
   LensModel model() const { return model_; }
 
  private:
-  CameraFit adjusted(const std::vector<BoardCorners>& views, CameraFit fit) const {
+  CameraFit adjusted(const std::vector<BoardCorners>& views, CameraFit fit, bool corners_err = true) const {
     constexpr double kHuber_px = 2;  // of the 8 coordinates of a marker together
     ceres::Problem problem;
+    fit.errors = CornerErrors::none(views);
     for (std::size_t i = 0; i < views.size(); ++i)
       for (const SeenMarker& seen : views[i].markers)
-        problem.AddResidualBlock(new detail::CornerDistances(seen, model_), new ceres::HuberLoss(kHuber_px),
-                                 fit.intrinsics.data(), fit.poses[i].data());
+        problem.AddResidualBlock(new detail::CornerDistances(seen, model_, fit.errors), new ceres::HuberLoss(kHuber_px),
+                                 fit.intrinsics.data(), fit.poses[i].data(), fit.errors.px.data());
+    // Where there are no such speeds, the errors stay 0.
+    using Errors = Eigen::Matrix<double, int(CornerErrors::kCount), 1>;
+    problem.AddResidualBlock(
+        new ceres::NormalPrior(Eigen::MatrixXd::Identity(Errors::RowsAtCompileTime, Errors::RowsAtCompileTime),
+                               Errors::Zero()),
+        nullptr, fit.errors.px.data());
+    if (!corners_err) problem.SetParameterBlockConstant(fit.errors.px.data());
     if (!free_pitch_)
       problem.SetManifold(fit.intrinsics.data(), new ceres::SubsetManifold(9, {static_cast<int>(kScale)}));
     ceres::Solver::Options options;
@@ -126,8 +137,8 @@ class CameraFitter {
 
   double squared_distance(const CameraFit& fit, std::size_t view, const SeenMarker& seen) const {
     std::array<double, 8> residuals{};
-    const double* const parameters[] = {fit.intrinsics.data(), fit.poses[view].data()};
-    detail::CornerDistances(seen, model_).Evaluate(parameters, residuals.data(), nullptr);
+    const double* const parameters[] = {fit.intrinsics.data(), fit.poses[view].data(), fit.errors.px.data()};
+    detail::CornerDistances(seen, model_, fit.errors).Evaluate(parameters, residuals.data(), nullptr);
     double squares = 0;
     for (const double r : residuals) squares += r * r;
     return squares;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "board_corners.hpp"
+#include "corner_errors.hpp"
 
 enum class LensModel { radtan, fisheye };
 
@@ -72,16 +73,19 @@ inline ProjectedMarker project_marker(const evmarker::BoardMarker& marker, const
   return projected;
 }
 
-// The distances of a marker's corners from where they are seen [px].
-class CornerDistances : public ceres::SizedCostFunction<8, 9, 6> {
+// The distances of a marker's corners, off by the errors that all share, from where they are seen [px].
+class CornerDistances : public ceres::SizedCostFunction<8, 9, 6, int(CornerErrors::kCount)> {
  public:
-  CornerDistances(const SeenMarker& seen, LensModel model) : seen_(seen), model_(model) {}
+  CornerDistances(const SeenMarker& seen, LensModel model, const CornerErrors& errors)
+      : seen_(seen), model_(model), by_errors_(errors.by_px(seen)) {}
 
   bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
     const ProjectedMarker projected = project_marker(*seen_.marker, parameters[0], parameters[1], model_);
+    const Eigen::Matrix<double, 8, 1> errors =
+        by_errors_ * Eigen::Map<const Eigen::Matrix<double, int(CornerErrors::kCount), 1>>(parameters[2]);
     for (int row = 0; row < 8; ++row) {
       const evmarker::Vec2 corner = seen_.corners_px[std::size_t(row) / 2];
-      residuals[row] = projected.px(row) - (row % 2 == 0 ? corner.x : corner.y);
+      residuals[row] = projected.px(row) + errors(row) - (row % 2 == 0 ? corner.x : corner.y);
     }
     if (jacobians == nullptr) return true;
     const auto give = [](double* to, const auto& J) {
@@ -91,12 +95,14 @@ class CornerDistances : public ceres::SizedCostFunction<8, 9, 6> {
     };
     give(jacobians[0], projected.by_intrinsics);
     give(jacobians[1], projected.by_pose);
+    give(jacobians[2], by_errors_);
     return true;
   }
 
  private:
   SeenMarker seen_;
   LensModel model_;
+  Eigen::Matrix<double, 8, int(CornerErrors::kCount)> by_errors_;
 };
 
 }  // namespace detail

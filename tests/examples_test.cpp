@@ -717,11 +717,11 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless the board 
   const std::string simulate = " --board grid.yml --sensor davis346 --quiet";
   const Result moved = run(folder,
                            "simulate g.raw --lens radtan:-0.25,0.09,0.0007,-0.0005 --distance 0.27 --turn 40,40,25 "
-                           "--frequency 0.9 --duration 1.2 --seed 6" +
+                           "--frequency 0.9 --duration 1.2 --seed 7 --light-lag-us 2000" +  // edges lag in dim light
                                simulate);
   REQUIRE_MESSAGE(moved.code == 0, moved.err);
   const std::string calibrate = "calibrate g.raw --board grid.yml --output c.yml --largest-error 3 --quiet";
-  const Result calibrated = run(folder, calibrate + " --picture c.png");
+  const Result calibrated = run(folder, calibrate + " --picture c.png --truth g.yml");
   REQUIRE_MESSAGE(calibrated.code == 0, calibrated.err);
   CHECK(calibrated.err.empty());
   const auto camera = evmarker::opencv::load_calibration((folder / "c.yml").string());
@@ -739,11 +739,14 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless the board 
       const Eigen::Vector2d pixel(x, y);
       CHECK((camera.project(truth.line_of_sight(pixel)) - pixel).norm() < 2.5);  // also by a turn of the camera's axes
     }
+  CHECK(number_after(calibrated.out, "off by ") < 0.25);  // px; 0.51 if the errors that all corners share are left in
   CHECK(cv::imread((folder / "c.png").string()).rows > 700);
 
   const Result stretched = run(folder, calibrate + " --free-pitch");
   REQUIRE_MESSAGE(stretched.code == 0, stretched.err);
-  CHECK(number_after(stretched.out, "distances between the markers: ") == doctest::Approx(1).epsilon(0.003).scale(0));
+  const std::string pitch = stretched.out.substr(stretched.out.find("distances between the markers: "));
+  CHECK(number_after(pitch, "markers: ") == doctest::Approx(1).epsilon(0.003).scale(0));
+  CHECK(std::abs(number_after(pitch, "markers: ") - 1) < 3 * number_after(pitch, "+- "));
 
   const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.6" + simulate);
   REQUIRE_MESSAGE(still.code == 0, still.err);
