@@ -41,7 +41,7 @@ inline std::array<evmarker::Vec3, 4> corners_of(const evmarker::BoardMarker& mar
 /// a whole board do not.
 class MarkerFollower {
  public:
-  static constexpr evmarker::Timestamp kInterval_us = 10000;
+  static constexpr evmarker::Timestamp kInterval_us = 10000;  ///< between views
 
   /// @param camera as far as it is known
   MarkerFollower(const evmarker::PinholeCamera& camera, const evmarker::Board& board, const std::string& dictionary,

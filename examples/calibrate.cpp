@@ -170,7 +170,7 @@ Deviations deviations_of(const std::vector<BoardCorners>& views, const CameraFit
     add(kJackknifeWeight, fitter.refit(others, fit.intrinsics).intrinsics);
   });
   constexpr double kMissed = 0.5;
-  add(kMissed * kMissed, fitter.refit(views, fit.intrinsics, false).intrinsics);
+  add(kMissed * kMissed, fitter.refit(views, fit.intrinsics, /*estimate_errors=*/false).intrinsics);
   for (double& s : sigma.of) s = std::sqrt(s);
   for (double& s : sigma.in_image.px) s = std::sqrt(s);
   return sigma;

@@ -71,9 +71,10 @@ class CameraFitter {
   }
 
   /// From the intrinsics of a fit to other views.
-  /// @param corners_err whether errors that all corners share are estimated, too
+  /// @param estimate_errors whether errors that all corners share are estimated, too
   /// @throws std::runtime_error where the views determine no camera
-  CameraFit refit(const std::vector<BoardCorners>& views, const Intrinsics& intrinsics, bool corners_err = true) const {
+  CameraFit refit(const std::vector<BoardCorners>& views, const Intrinsics& intrinsics,
+                  bool estimate_errors = true) const {
     CameraFit fit{.intrinsics = intrinsics};
     const evmarker::PinholeCamera camera = camera_of(intrinsics, model_, size_);
     for (const BoardCorners& view : views) {
@@ -90,14 +91,14 @@ class CameraFitter {
       cv::solvePnP(on_board, undistorted, cv::Matx33d::eye(), cv::noArray(), r, t);
       fit.poses.push_back({r[0], r[1], r[2], t[0], t[1], t[2]});
     }
-    return adjusted(views, std::move(fit), corners_err);
+    return adjusted(views, std::move(fit), estimate_errors);
   }
 
   evmarker::PinholeCamera camera(const Intrinsics& intrinsics) const { return camera_of(intrinsics, model_, size_); }
   LensModel model() const { return model_; }
 
  private:
-  CameraFit adjusted(const std::vector<BoardCorners>& views, CameraFit fit, bool corners_err = true) const {
+  CameraFit adjusted(const std::vector<BoardCorners>& views, CameraFit fit, bool estimate_errors = true) const {
     constexpr double kHuber_px = 2;  // of the 8 coordinates of a marker together
     ceres::Problem problem;
     fit.errors = CornerErrors::none(views);
@@ -105,13 +106,12 @@ class CameraFitter {
       for (const SeenMarker& seen : views[i].markers)
         problem.AddResidualBlock(new detail::CornerDistances(seen, model_, fit.errors), new ceres::HuberLoss(kHuber_px),
                                  fit.intrinsics.data(), fit.poses[i].data(), fit.errors.px.data());
-    // Where there are no such speeds, the errors stay 0.
-    using Errors = Eigen::Matrix<double, int(CornerErrors::kCount), 1>;
+    // A weak prior, 0 +- 1 px: of speeds that do not occur, the lag stays 0.
+    constexpr int kErrors = CornerErrors::kCount;
     problem.AddResidualBlock(
-        new ceres::NormalPrior(Eigen::MatrixXd::Identity(Errors::RowsAtCompileTime, Errors::RowsAtCompileTime),
-                               Errors::Zero()),
-        nullptr, fit.errors.px.data());
-    if (!corners_err) problem.SetParameterBlockConstant(fit.errors.px.data());
+        new ceres::NormalPrior(ceres::Matrix::Identity(kErrors, kErrors), ceres::Vector::Zero(kErrors)), nullptr,
+        fit.errors.px.data());
+    if (!estimate_errors) problem.SetParameterBlockConstant(fit.errors.px.data());
     if (!free_pitch_)
       problem.SetManifold(fit.intrinsics.data(), new ceres::SubsetManifold(9, {static_cast<int>(kScale)}));
     ceres::Solver::Options options;

@@ -1,5 +1,5 @@
 #pragma once
-// What the corners of all markers are seen off by alike.
+// Errors that the corners of all markers share.
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -17,6 +17,8 @@
 /// out: so the whole board seems to be where it was a little earlier, which changes no camera.
 struct CornerErrors {
   static constexpr std::size_t kSpeeds = 4, kCount = 1 + kSpeeds;
+  using Vector = Eigen::Matrix<double, int(kCount), 1>;
+  using Jacobian = Eigen::Matrix<double, 8, int(kCount)>;
 
   double fastest_px_per_s = 1;
   /// How far the corners are seen toward the middle of their marker; then how far the edges lag at a sixteenth, an
@@ -35,7 +37,7 @@ struct CornerErrors {
   }
 
   /// By how much each corner (x and y of the first, of the second, ...) is off for a pixel of each error.
-  Eigen::Matrix<double, 8, int(kCount)> by_px(const SeenMarker& seen) const {
+  Jacobian by_px(const SeenMarker& seen) const {
     const auto at = [&](std::size_t i) { return Eigen::Vector2d(seen.corners_px[i]); };
     const Eigen::Vector2d right = at(1) - at(0) + at(2) - at(3), down = at(3) - at(0) + at(2) - at(1);
     Eigen::Matrix2d normals;  // of the edges, in rows
@@ -43,7 +45,7 @@ struct CornerErrors {
         Eigen::RowVector2d(-right.y(), right.x()).normalized();
     const Eigen::Matrix2d from_normals = normals.inverse();
     const Eigen::Vector2d middle = 0.25 * (at(0) + at(1) + at(2) + at(3));
-    Eigen::Matrix<double, 8, int(kCount)> moved;
+    Jacobian moved;
     for (std::size_t i = 0; i < 4; ++i) {
       auto corner = moved.middleRows<2>(static_cast<Eigen::Index>(2 * i));
       corner.setZero();
@@ -58,7 +60,7 @@ struct CornerErrors {
   }
   /// By how much each corner is off.
   Eigen::Matrix<double, 8, 1> of(const SeenMarker& seen) const {
-    return by_px(seen) * Eigen::Map<const Eigen::Matrix<double, int(kCount), 1>>(px.data());
+    return by_px(seen) * Eigen::Map<const Vector>(px.data());
   }
 
  private:

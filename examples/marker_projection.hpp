@@ -81,8 +81,7 @@ class CornerDistances : public ceres::SizedCostFunction<8, 9, 6, int(CornerError
 
   bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
     const ProjectedMarker projected = project_marker(*seen_.marker, parameters[0], parameters[1], model_);
-    const Eigen::Matrix<double, 8, 1> errors =
-        by_errors_ * Eigen::Map<const Eigen::Matrix<double, int(CornerErrors::kCount), 1>>(parameters[2]);
+    const Eigen::Matrix<double, 8, 1> errors = by_errors_ * Eigen::Map<const CornerErrors::Vector>(parameters[2]);
     for (int row = 0; row < 8; ++row) {
       const evmarker::Vec2 corner = seen_.corners_px[std::size_t(row) / 2];
       residuals[row] = projected.px(row) + errors(row) - (row % 2 == 0 ? corner.x : corner.y);
@@ -102,7 +101,7 @@ class CornerDistances : public ceres::SizedCostFunction<8, 9, 6, int(CornerError
  private:
   SeenMarker seen_;
   LensModel model_;
-  Eigen::Matrix<double, 8, int(CornerErrors::kCount)> by_errors_;
+  CornerErrors::Jacobian by_errors_;
 };
 
 }  // namespace detail
