@@ -1,13 +1,17 @@
 #pragma once
 // What the trackers' tests share: recordings of a 10 cm marker at 0.5 to 0.7 m, up to about 1100 px/s, and a detector.
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <vector>
 
 #include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/events/event_stream.hpp"
 #include "evmarker/events/spatiotemporal_filter.hpp"
-#include "evmarker/simulation/simulator.hpp"
+#include "evmarker/model/camera.hpp"
+#include "evmarker/model/marker_model.hpp"
+#include "evmarker/simulation/scene.hpp"
+#include "evmarker/simulation/simulator_settings.hpp"
 #include "evmarker/simulation/trajectory.hpp"
 
 namespace evmarker::simulated {
@@ -33,18 +37,16 @@ inline Trajectory near_motion(std::uint64_t seed) {
       {.T_centre = facing_pose({0, 0, 0.6}), .amplitude_m = {0.10, 0.08, 0.10}, .frequency_hz = 1.3, .seed = seed});
 }
 
-/// Every event of a simulation.
-inline std::vector<Event> record(Simulator&& simulator) {
-  std::vector<Event> events;
-  for_each_event(simulator, [&](const Event& event) { events.push_back(event); });
-  return events;
-}
+/// Every event of a simulation. Compiled once for all tests, and optimised also where they are not: most of their time
+/// goes by in simulating.
+std::vector<Event> record(const PinholeCamera& camera, Scene scene, const SimulatorSettings& settings = {});
+std::vector<Event> record(const PinholeCamera& camera, std::vector<SimulatedMarker> markers,
+                          const SimulatorSettings& settings = {});
 
 /// Marker `id` on `motion`, 1 Hz/px noise.
 inline std::vector<Event> near_events(const Trajectory& motion, double duration_s, std::uint64_t seed, int id = 0) {
-  return record({camera,
-                 {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
-                 SimulatorSettings{.duration_s = duration_s, .seed = seed}});
+  return record(camera, {{.id = id, .length = kMarkerLength, .bits = code(id), .T_camera_marker = motion}},
+                {.duration_s = duration_s, .seed = seed});
 }
 
 /// Those that pass the noise filter.

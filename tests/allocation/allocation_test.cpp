@@ -172,8 +172,8 @@ TEST_CASE("events of a board are tracked and verified without an allocation, one
     board.markers.back().T_board_marker.translation().x() = 0.04 * side;
   }
   const Trajectory motion = simulated::near_motion(91);
-  const auto events = simulated::record(
-      {simulated::camera, simulated_markers(board, motion), SimulatorSettings{.duration_s = 0.3, .seed = 91}});
+  const auto events = simulated::record(simulated::camera, simulated_markers(board, motion),
+                                        SimulatorSettings{.duration_s = 0.3, .seed = 91});
   REQUIRE(events.size() > 100'000);
   const MarkerTracker<> start(simulated::camera, make_board_model(board), motion(0));
   REQUIRE(start.follower().matcher().board() != nullptr);

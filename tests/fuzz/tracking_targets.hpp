@@ -372,12 +372,12 @@ void fuzz_wireframe_tracker(Numbers numbers) {
 inline std::string moving_marker(std::uint64_t seed, std::size_t most_events) {
   const Trajectory motion =
       trajectory::linear(kNominal, Eigen::Vector3d(0.5, 0.2 * static_cast<double>(seed % 5), 0.3), {0, 0, 3});
-  Simulator simulator(
-      kCamera, {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
-      SimulatorSettings{.duration_s = 0.02, .seed = seed, .noise_hz_per_px = 2});
   std::string bytes;
   Timestamp t = 0;
-  for (const Event& event : simulated::record(std::move(simulator))) {
+  for (const Event& event : simulated::record(
+           kCamera,
+           {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+           {.duration_s = 0.02, .seed = seed, .noise_hz_per_px = 2})) {
     if (bytes.size() == kEventBytes * most_events) break;
     const bool fine = event.t - t < 256;
     const Timestamp step = fine ? event.t - t : std::min<Timestamp>((event.t - t) / 100, 255);

@@ -10,63 +10,19 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/detection/board_detector.hpp"
-#include "evmarker/evaluation/accuracy.hpp"
-#include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/tracking/tracker.hpp"
+#include "boards.hpp"
 #include "message_of.hpp"
-#include "sanitized.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
+using namespace evmarker::boards;
 
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr double kCubeMarkerLength = 0.05;
 
-// Five sides of a cube of 8 cm with markers of 5 cm: front, right, left, top, bottom. The frame is that of marker 1.
-Board cube() {
-  const auto dictionary = opencv::make_dictionary("DICT_4X4_50");
-  const double quarter = 90 * kDegree;
-  Board board{100, {}};
-  for (const Eigen::Vector3d& turned :
-       {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(0, quarter, 0), Eigen::Vector3d(0, -quarter, 0),
-        Eigen::Vector3d(-quarter, 0, 0), Eigen::Vector3d(quarter, 0, 0)}) {
-    const MarkerId id = 1 + static_cast<MarkerId>(board.markers.size());
-    BoardMarker marker{id, kCubeMarkerLength, opencv::marker_bits(dictionary, id)};
-    marker.T_board_marker.linear() = so3_exp(turned);
-    marker.T_board_marker.translation() = 0.04 * (so3_exp(turned).col(2) - Eigen::Vector3d::UnitZ());
-    board.markers.push_back(marker);
-  }
-  return board;
-}
-
-// In a hand that shows all sides in turn.
-Trajectory turning(std::uint64_t seed) {
-  return trajectory::handheld({.T_centre = facing_pose({0, 0, 0.45}),
-                               .amplitude_m = {0.04, 0.032, 0.04},
-                               .amplitude_rad = {130 * kDegree, 130 * kDegree, 30 * kDegree},
-                               .frequency_hz = 0.25,
-                               .seed = seed});
-}
-
-struct CalibrationError {
-  double mm = 0, deg = 0, sigmas = 0;  // of the worst marker
-};
-
-CalibrationError worst_error(const BoardCalibration& calibration, const Board& board) {
-  CalibrationError worst;
-  for (std::size_t m = 1; m < board.markers.size(); ++m) {
-    const CalibratedMarker& marker = calibration.markers[m];
-    CHECK(marker.id == board.markers[m].id);
-    const PoseError error = pose_error(marker.T_board_marker, board.markers[m].T_board_marker);
-    worst.mm = std::max(worst.mm, error.translation_mm);
-    worst.deg = std::max(worst.deg, error.rotation_deg);
-    worst.sigmas = std::max(
-        {worst.sigmas, 1e-3 * error.translation_mm / marker.sigma_m, kDegree * error.rotation_deg / marker.sigma_rad});
-  }
-  return worst;
+BoardCalibrator calibrator(std::vector<MarkerId> ids = {1, 2, 3, 4, 5}) {
+  return {std::move(ids), kCubeMarkerLength, simulated::camera.focal_length()};
 }
 
 // The poses of a cube's visible markers at one time, with errors as far as their covariance says, or mirrored.
@@ -102,10 +58,6 @@ class NoisyCube {
   std::normal_distribution<double> normal_;
 };
 
-BoardCalibrator calibrator(std::vector<MarkerId> ids = {1, 2, 3, 4, 5}) {
-  return {std::move(ids), kCubeMarkerLength, simulated::camera.focal_length()};
-}
-
 // Why a calibration of poses from these times of a turning cube is refused.
 std::string refused(BoardCalibrator calibrator, const std::function<std::vector<PoseEstimate>(double)>& poses) {
   for (double s = 0; s < 12; s += 0.02) calibrator.add(poses(s));
@@ -117,41 +69,7 @@ std::string refused(BoardCalibrator calibrator, const std::function<std::vector<
   return "accepted";
 }
 
-template <MarkerDetector Detector>
-AccuracyMeter tracked(const Detector& detector, const std::vector<Event>& events, const Trajectory& motion) {
-  Tracker tracker(simulated::camera, detector);
-  AccuracyMeter meter;
-  tracker.push(events, [&](const PoseEstimate& pose) { meter.add(pose, motion(simulated::seconds(pose.t))); });
-  return meter;
-}
-
-std::vector<Event> recorded(const Board& board, const Trajectory& motion, std::uint64_t seed) {
-  return simulated::record({simulated::camera, simulated_markers(board, motion), {.duration_s = 12, .seed = seed}});
-}
-
-const opencv::ArucoDetector kDetector(simulated::camera, {.marker_length = kCubeMarkerLength, .ids = {1, 2, 3, 4, 5}});
-
 }  // namespace
-
-TEST_CASE(
-    "a cube that shows all its sides is followed with an honest covariance, also where one side alone is in sight") {
-  if (kSanitized) {
-    MESSAGE("skipped: takes minutes with sanitizers");
-    return;
-  }
-  for (const std::uint64_t seed : {4u, 11u}) {
-    CAPTURE(seed);
-    const Trajectory motion = turning(seed);
-    const AccuracyMeter meter =
-        tracked(BoardDetector(simulated::camera, kDetector, {cube()}), recorded(cube(), motion, seed), motion);
-    CHECK(meter.tracking() > 30000);
-    CHECK(meter.lost() == 0);
-    CHECK(meter.translation_mm().mean < 0.3);
-    CHECK(meter.rotation_deg().mean < 0.25);
-    CHECK(meter.nees().mean < 4);
-    CHECK(meter.wild() == 0);
-  }
-}
 
 TEST_CASE("a board is calibrated as well as the errors of the poses allow, also where a fifth has a mirrored tilt") {
   for (const double mirrored : {0.0, 0.2}) {
@@ -228,58 +146,4 @@ TEST_CASE("what does not determine a board is refused in a sentence that says wh
   std::string by_turning = refused(calibrator({1, 2}), [&](double s) { return noisy.poses(sideways(s), 0); });
   CHECK_MESSAGE(by_turning.find("was seen together with others from one side only") != std::string::npos, by_turning);
   CHECK_MESSAGE(by_turning.ends_with("turn the body by 10 deg or more"), by_turning);
-}
-
-TEST_CASE("a cube is measured to 0.08 mm and 0.06 deg from a recording, and tracked as well as with its true board") {
-  if (kSanitized) {
-    MESSAGE("skipped: takes minutes with sanitizers");
-    return;
-  }
-  const Trajectory motion = turning(2);
-  const Board board = cube();
-  const std::vector<Event> events = recorded(board, motion, 2);
-
-  TrackerSettings<> settings;
-  const auto calibrated = [&] {
-    Tracker tracker(simulated::camera, kDetector, settings);
-    BoardCalibrator calibrator = ::calibrator();
-    AccuracyMeter single;
-    Timestamp next = 0;
-    for (const Event& event : events) {
-      for (; event.t >= next; next += 10000) {
-        std::vector<PoseEstimate> poses;
-        for (const auto& marker : tracker.markers())
-          poses.push_back(marker.pose_at(std::max(next, marker.estimate().t), next));
-        calibrator.add(poses);
-      }
-      for (const PoseEstimate& pose : tracker.push(event))
-        single.add(pose, motion(simulated::seconds(pose.t)) *
-                             board.markers[static_cast<std::size_t>(pose.id - 1)].T_board_marker);
-    }
-    CHECK(single.tracking() > 10000);
-    CHECK(single.wild() == 0);  // no marker that turns away sticks to what is behind it
-    return calibrator;
-  };
-  settings.marker.update.initial_trail_px = calibrated().trail_px();
-  settings.marker.update.initial_sigma_trail_px = 1e-4;
-  const BoardCalibration calibration = calibrated().solve();
-  const CalibrationError error = worst_error(calibration, board);
-  MESSAGE("worst of four markers: " << error.mm << " mm " << error.deg << " deg, " << error.sigmas
-                                    << " standard deviations; corners within " << calibration.residual_px << " px");
-  // Seeds 2 to 6 give 0.025 to 0.062 mm and 0.029 to 0.047 deg, and seed 2 alone 0.040 or 0.062 mm, as it is compiled.
-  CHECK(error.mm < 0.08);
-  CHECK(error.deg < 0.06);
-  CHECK(error.sigmas < 2.5);
-
-  Board made = board;
-  for (std::size_t m = 0; m < made.markers.size(); ++m)
-    made.markers[m].T_board_marker = calibration.markers[m].T_board_marker;
-  const AccuracyMeter by_truth = tracked(BoardDetector(simulated::camera, kDetector, {board}), events, motion),
-                      by_made = tracked(BoardDetector(simulated::camera, kDetector, {made}), events, motion);
-  MESSAGE("true board " << by_truth.translation_mm().mean << " mm " << by_truth.rotation_deg().mean << " deg, made "
-                        << by_made.translation_mm().mean << " mm " << by_made.rotation_deg().mean << " deg");
-  CHECK(by_made.tracking() > 0.95 * static_cast<double>(by_truth.tracking()));
-  CHECK(by_made.lost() <= by_truth.lost() + 2);
-  CHECK(by_made.translation_mm().mean < by_truth.translation_mm().mean + 0.08);
-  CHECK(by_made.rotation_deg().mean < by_truth.rotation_deg().mean + 0.1);
 }

@@ -8,16 +8,14 @@
 #include <string>
 #include <vector>
 
+#include "boards.hpp"
 #include "evmarker/detection/board_detector.hpp"
-#include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/opencv/aruco_detector.hpp"
-#include "evmarker/tracking/marker_tracker.hpp"
-#include "evmarker/tracking/tracker.hpp"
-#include "sanitized.hpp"
 #include "simulated.hpp"
 
 using namespace evmarker;
+using namespace evmarker::boards;
 using Eigen::Isometry3d;
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
@@ -26,78 +24,6 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr MarkerId kBoard = 100;
-const auto kDictionary = opencv::make_dictionary("DICT_4X4_50");
-
-Isometry3d pose(const Matrix3d& R, const Vector3d& translation) {
-  Isometry3d T = Isometry3d::Identity();
-  T.linear() = R;
-  T.translation() = translation;
-  return T;
-}
-Matrix3d columns(const Vector3d& x, const Vector3d& y, const Vector3d& z) { return (Matrix3d() << x, y, z).finished(); }
-BoardMarker marker(MarkerId id, double length, const Isometry3d& T_board_marker) {
-  return {id, length, opencv::marker_bits(kDictionary, id), T_board_marker};
-}
-
-// Four markers of 4 cm on a plate of 11 cm.
-Board plate() {
-  Board board{kBoard, {}};
-  for (int i = 0; i < 4; ++i)
-    board.markers.push_back(
-        marker(1 + i, 0.04, pose(Matrix3d::Identity(), {i % 2 == 0 ? -0.035 : 0.035, i < 2 ? 0.035 : -0.035, 0})));
-  return board;
-}
-
-// Three markers of 5 cm on three sides of a cube of 8 cm that meet in a corner; their z out of it.
-Board corner() {
-  const Vector3d x = Vector3d::UnitX(), y = Vector3d::UnitY(), z = Vector3d::UnitZ();
-  return {kBoard,
-          {marker(11, 0.05, pose(columns(y, z, x), 0.04 * x)), marker(12, 0.05, pose(columns(z, x, y), 0.04 * y)),
-           marker(13, 0.05, pose(columns(x, y, z), 0.04 * z))}};
-}
-
-// The cube's corner towards the camera: all three sides 55 deg from it.
-Isometry3d corner_ahead(double distance) {
-  const Vector3d towards_camera = Vector3d::Ones().normalized();
-  return pose(Eigen::Quaterniond::FromTwoVectors(towards_camera, -Vector3d::UnitZ()).toRotationMatrix(),
-              {0, 0, distance});
-}
-
-std::vector<Event> record(const Board& board, const Trajectory& motion, double duration_s, std::uint64_t seed) {
-  return simulated::record(
-      {simulated::camera, simulated_markers(board, motion), SimulatorSettings{.duration_s = duration_s, .seed = seed}});
-}
-
-struct Outcome {
-  AccuracyMeter accuracy;
-  int of_others = 0;  // poses of other ids
-  Timestamp first_t = -1;
-};
-
-template <MarkerDetector Detector>
-Outcome track(const Detector& detector, MarkerId id, const Isometry3d& T_target_id, const std::vector<Event>& events,
-              const Trajectory& motion) {
-  Tracker tracker(simulated::camera, detector);
-  Outcome outcome;
-  for (const Event& event : events)
-    for (const PoseEstimate& pose : tracker.push(event)) {
-      if (outcome.first_t < 0) outcome.first_t = pose.t;
-      outcome.of_others += pose.id != id;
-      if (pose.id == id) outcome.accuracy.add(pose, motion(1e-6 * static_cast<double>(pose.t)) * T_target_id);
-    }
-  return outcome;
-}
-
-opencv::ArucoDetector<PinholeCamera> aruco(double length, std::vector<MarkerId> ids = {}) {
-  return {simulated::camera, {.marker_length = length, .ids = std::move(ids)}};
-}
-
-void print_accuracy(const std::string& what, const AccuracyMeter& meter) {
-  MESSAGE(what << ": " << meter.translation_mm().mean << " mm " << meter.rotation_deg().mean << " deg mean, "
-               << meter.translation_mm().median << " mm " << meter.rotation_deg().median << " deg median, worst "
-               << meter.translation_mm().max << " mm, " << meter.tracking() << " poses, lost " << meter.lost());
-}
 
 // A detector that finds what it is reported.
 struct ToldDetector {
@@ -235,7 +161,7 @@ TEST_CASE("detections of a board's markers become one of the board, others pass"
   REQUIRE(one.size() == 2);
   CHECK(one[0].id == 30);
   CHECK(one[0].T_camera_marker.matrix() == truth.matrix());
-  CHECK(one[1].id == kBoard);
+  CHECK(one[1].id == kId);
   CHECK(one[1].t == 5);
   CHECK(one[1].T_camera_marker.isApprox(truth, 1e-12));
   CHECK_FALSE(one[1].T_camera_marker_alternative);
@@ -347,7 +273,7 @@ TEST_CASE(
     auto detector = detector_of(wrong);
     for (int frame_number = 0; frame_number < 10; ++frame_number) CHECK(detector.detect(frame).empty());
     REQUIRE(reported.size() == 1);
-    CHECK(reported[0].board == kBoard);
+    CHECK(reported[0].board == kId);
     CHECK((reported[0].seen - reported[0].in_file).norm() > 0.01);
     const auto place = [&](const Board& board, MarkerId id) {
       return Vector3d(std::ranges::find(board.markers, id, &BoardMarker::id)->T_board_marker.translation());
@@ -429,17 +355,17 @@ TEST_CASE("a board detector verifies and searches boards by their markers, if th
   seen.translation() *= 2;
   BoardDetector detector(simulated::camera,
                          Seeing{{length, {detection(board.markers[2].id, seen), detection(30, elsewhere)}}}, {board});
-  CHECK(detector.shows(kBoard, truth));
-  CHECK_FALSE(detector.shows(kBoard, elsewhere));
+  CHECK(detector.shows(kId, truth));
+  CHECK_FALSE(detector.shows(kId, elsewhere));
   CHECK(detector.shows(30, elsewhere));
   CHECK_FALSE(detector.shows(30, truth));
   Isometry3d near_truth = truth;
   near_truth.translation().x() += 0.001;
-  const auto found = detector.search(kBoard, near_truth);
+  const auto found = detector.search(kId, near_truth);
   REQUIRE(found);
-  CHECK(found->id == kBoard);
+  CHECK(found->id == kId);
   CHECK(found->T_camera_marker.isApprox(truth, 1e-9));
-  CHECK_FALSE(detector.search(kBoard, elsewhere));
+  CHECK_FALSE(detector.search(kId, elsewhere));
   REQUIRE(detector.search(30, elsewhere));
   CHECK(detector.search(30, elsewhere)->id == 30);
 }
@@ -448,7 +374,7 @@ TEST_CASE("a board detector finds boards and markers by their ids, and refuses b
   const ToldDetector reported{0.04, {}};
   const auto opened = [&](std::vector<Board> boards) { return BoardDetector(simulated::camera, reported, boards); };
   BoardDetector detector = opened({plate()});
-  CHECK(detector.model(kBoard).segments.size() == make_board_model(plate()).segments.size());
+  CHECK(detector.model(kId).segments.size() == make_board_model(plate()).segments.size());
   CHECK(detector.model(7).segments.size() == ToldDetector(reported).model(7).segments.size());
   Board other = corner();
   CHECK_THROWS_WITH_AS(opened({plate(), other}), "board 100 is there twice", std::invalid_argument);
@@ -457,132 +383,4 @@ TEST_CASE("a board detector finds boards and markers by their ids, and refuses b
   other.markers[0].id = 3;
   CHECK_THROWS_WITH_AS(opened({plate(), other}), "marker 3 is on board 100 and on board 101", std::invalid_argument);
   CHECK_THROWS_WITH_AS(opened({{100, {}}}), "board 100 has no markers", std::invalid_argument);
-}
-
-TEST_CASE("a plate of four markers has one pose, and a better one than one of its markers alone") {
-  const Trajectory motion = trajectory::handheld(
-      {.T_centre = facing_pose({0, 0, 0.6}), .amplitude_m = {0.08, 0.06, 0.08}, .frequency_hz = 1.3, .seed = 71});
-  const Board board = plate();
-  const auto events = record(board, motion, 0.6, 71);
-  REQUIRE(events.size() > 200000);
-  const Outcome whole =
-      track(BoardDetector(simulated::camera, aruco(0.04), {board}), kBoard, Isometry3d::Identity(), events, motion);
-  const Outcome part = track(aruco(0.04, {2}), 2, board.markers[1].T_board_marker, events, motion);
-  print_accuracy("plate", whole.accuracy);
-  print_accuracy("one of its markers", part.accuracy);
-  REQUIRE(whole.accuracy.tracking() > 3000);
-  REQUIRE(part.accuracy.tracking() > 500);
-  CHECK(whole.of_others == 0);
-  CHECK(whole.accuracy.lost() == 0);
-  CHECK(whole.accuracy.coverage(600000) > 0.99);
-  CHECK(whole.accuracy.translation_mm().mean < 0.3);
-  CHECK(whole.accuracy.rotation_deg().mean < 0.2);
-  CHECK(2 * whole.accuracy.translation_mm().mean < part.accuracy.translation_mm().mean);
-  CHECK(2 * whole.accuracy.rotation_deg().mean < part.accuracy.rotation_deg().mean);
-  CHECK(2 * whole.accuracy.translation_mm().median < part.accuracy.translation_mm().median);
-  CHECK(2 * whole.accuracy.rotation_deg().median < part.accuracy.rotation_deg().median);
-}
-
-TEST_CASE("three sides of a cube are found and tracked as one body, also while one of them turns away and back") {
-  const Board board = corner();
-  const Isometry3d ahead = corner_ahead(0.5);
-  const Vector3d away = Vector3d::UnitZ().cross(Vector3d(-ahead.linear().col(0))).normalized();
-  const Trajectory sway = trajectory::handheld({.T_centre = ahead,
-                                                .amplitude_m = {0.05, 0.04, 0.05},
-                                                .amplitude_rad = {0.1, 0.1, 0.15},
-                                                .frequency_hz = 1.3,
-                                                .seed = 72});
-  const auto turning = [&](double amplitude_deg) {
-    return [=](double seconds) {
-      Isometry3d T = sway(seconds);
-      const double angle = amplitude_deg / 180 * kPi * 0.5 * (1 - std::cos(2 * kPi * seconds / 0.8));
-      T.linear() = so3_exp(angle * away) * T.linear();
-      return T;
-    };
-  };
-  for (const double amplitude_deg : {0.0, 60.0}) {
-    CAPTURE(amplitude_deg);
-    const Trajectory motion = turning(amplitude_deg);
-    double least = 1, most = -1;  // cosine between side x and the line of sight to it; positive: its back
-    for (double s = 0; s < 0.8; s += 0.01) {
-      const Vector3d centre = motion(s) * Vector3d(0.04, 0, 0);
-      const double cosine = motion(s).linear().col(0).dot(centre.normalized());
-      least = std::min(least, cosine);
-      most = std::max(most, cosine);
-    }
-    REQUIRE(least < -0.4);
-    REQUIRE((most > 0.1) == (amplitude_deg > 0));
-    const auto events = record(board, motion, 0.8, 72);
-    const Outcome outcome =
-        track(BoardDetector(simulated::camera, aruco(0.05), {board}), kBoard, Isometry3d::Identity(), events, motion);
-    print_accuracy("cube", outcome.accuracy);
-    REQUIRE(outcome.accuracy.tracking() > 3000);
-    CHECK(outcome.first_t < 150000);
-    CHECK(outcome.of_others == 0);
-    CHECK(outcome.accuracy.lost() == 0);
-    CHECK(outcome.accuracy.coverage(800000) > 0.99);
-    CHECK(outcome.accuracy.translation_mm().mean < 0.4);
-    CHECK(outcome.accuracy.translation_mm().max < 5);
-    CHECK(outcome.accuracy.rotation_deg().mean < 0.3);
-  }
-}
-
-TEST_CASE("a board of two markers on a cube never starts in a mirrored pose that is called tracking") {
-  Board board = corner();
-  board.markers.pop_back();
-  BoardDetector detector(simulated::camera, aruco(0.05, {11, 12}), {board});
-  long tracking = 0, wrong = 0;
-  for (std::uint64_t seed = 1; seed <= (kSanitized ? 1 : 10); ++seed) {
-    CAPTURE(seed);
-    const Trajectory motion = trajectory::handheld(
-        {.T_centre = corner_ahead(0.6), .amplitude_m = {0.05, 0.04, 0.05}, .frequency_hz = 1.3, .seed = seed});
-    const auto events = record(board, motion, 0.5, seed);
-    Tracker tracker(simulated::camera, detector);
-    long of_seed = 0;
-    for (const Event& event : events)
-      for (const PoseEstimate& pose : tracker.push(event)) {
-        if (pose.quality.state != TrackingState::tracking) continue;
-        ++of_seed;
-        wrong += angle_deg(pose.T_camera_marker, motion(1e-6 * static_cast<double>(pose.t))) > 5;
-      }
-    CHECK(of_seed > 200);
-    tracking += of_seed;
-  }
-  MESSAGE(wrong << " of " << tracking << " poses are more than 5 deg off");
-  CHECK(wrong == 0);
-}
-
-TEST_CASE("a wireframe in three dimensions, neither sides nor dark areas known, is tracked from a given start") {
-  // The outlines of three plain dark squares.
-  Board squares = corner();
-  for (BoardMarker& m : squares.markers) m.bits.setZero();
-  MarkerModel wireframe = make_board_model(squares);
-  REQUIRE(wireframe.segments.size() == 12);
-  const Trajectory motion = trajectory::handheld({.T_centre = corner_ahead(0.5),
-                                                  .amplitude_m = {0.06, 0.05, 0.06},
-                                                  .amplitude_rad = {0.2, 0.2, 0.3},
-                                                  .frequency_hz = 1.3,
-                                                  .seed = 73});
-  const auto events = simulated::filtered(record(squares, motion, 0.8, 73));
-  REQUIRE(events.size() > 100000);
-  Isometry3d start = motion(0);
-  start.translation() += Vector3d(0.001, -0.001, 0.004);
-  const auto run = [&](const std::string& what, const MarkerModel& model) {
-    MarkerTracker tracker(simulated::camera, model, start);
-    AccuracyMeter meter;
-    for (const Event& event : events)
-      if (const auto estimate = tracker.push(event))
-        meter.add(*estimate, motion(1e-6 * static_cast<double>(estimate->t)));
-    print_accuracy(what, meter);
-    REQUIRE(meter.tracking() > 1000);
-    CHECK(meter.lost() == 0);
-    CHECK(meter.coverage(800000) > 0.99);
-    return meter;
-  };
-  const AccuracyMeter knowing = run("sides and dark areas known", wireframe);
-  for (MarkerSegment& segment : wireframe.segments) segment.dark_side = segment.face_normal = Vector3d::Zero();
-  const AccuracyMeter bare = run("lines alone", wireframe);
-  CHECK(bare.translation_mm().mean < 8);  // that events lie on the dark side of edges stays unknown: a bias
-  CHECK(bare.rotation_deg().mean < 1.5);
-  CHECK(knowing.translation_mm().mean < bare.translation_mm().mean);
 }

@@ -13,110 +13,16 @@
 #include <string>
 #include <vector>
 
-#include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/io/csv_reader.hpp"
-#include "evmarker/tracking/marker_tracker.hpp"
-#include "simulated.hpp"
+#include "evmarker/model/undistortion_table.hpp"
+#include "real_data.hpp"
+#include "search/sketch.hpp"
 
 using namespace evmarker;
+using namespace evmarker::test;
+using simulated::Sketch;
 
 namespace {
-
-const MarkerModel kModel = make_code_marker(simulated::kMarkerLength, simulated::code());
-
-// Off by so much to one side, in depth and about some axis.
-Eigen::Isometry3d off(Eigen::Isometry3d T, std::mt19937& random, double sideways_m, double depth_m, double angle_deg) {
-  std::normal_distribution<double> normal;
-  const double direction = std::uniform_real_distribution<double>(0, 2 * std::numbers::pi)(random);
-  T.translation() += Eigen::Vector3d(sideways_m * std::cos(direction), sideways_m * std::sin(direction), depth_m);
-  const Eigen::Vector3d axis = Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
-  T.linear() = so3_exp(angle_deg / 180 * std::numbers::pi * axis) * T.linear();
-  return T;
-}
-
-// Events of edges that move and of noise, drawn without the simulator: `per_px` for every pixel that an edge sweeps,
-// spread by 0.6 px.
-struct Sketch {
-  PinholeCamera camera = simulated::camera;
-  MarkerModel model = kModel;
-  Eigen::Isometry3d T = facing_pose({0, 0, 0.6}, {0.2, 0.1, 0.2});
-  double speed_px_per_s = 100, direction_rad = 0.7, duration_s = 0.1, per_px = 9, noise_hz = 1;
-  double rest_s = 0;  // before it moves
-
-  double focal_length() const { return camera.focal_length(); }
-  Eigen::Isometry3d pose(double t) const {
-    Eigen::Isometry3d moved = T;
-    const double way = speed_px_per_s * T.translation().z() / focal_length() * std::max(0.0, t - rest_s);
-    moved.translation() += way * Eigen::Vector3d(std::cos(direction_rad), std::sin(direction_rad), 0);
-    return moved;
-  }
-  Eigen::Vector2d centre() const {
-    return {(camera.sensor_size().width - 1) / 2.0, (camera.sensor_size().height - 1) / 2.0};
-  }
-  Eigen::Vector2d pixel(const Event& event) const { return Eigen::Vector2d(event.x, event.y) - centre(); }
-
-  std::vector<Event> draw(unsigned seed) const {
-    std::mt19937 random(seed);
-    std::normal_distribution<double> normal;
-    std::uniform_real_distribution<double> share;
-    std::vector<Event> events;
-    const SensorSize size = camera.sensor_size();
-    const double step_s = std::min(1e-3, 0.1 / speed_px_per_s);
-    const auto add = [&](const Eigen::Vector2d& u, double t) {
-      const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
-      if (size.contains(x, y))
-        events.push_back({static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), 1,
-                          static_cast<Timestamp>((t + step_s * share(random)) * 1e6)});
-    };
-    const auto count = [&](double mean) { return mean > 0 ? std::poisson_distribution<int>(mean)(random) : 0; };
-    for (double t = 0; t < rest_s + duration_s; t += step_s) {
-      const Eigen::Isometry3d from = pose(t), to = pose(t + step_s);
-      for (const MarkerSegment& edge : model.segments) {
-        const auto image = [&](const Eigen::Isometry3d& at, int vertex) -> Eigen::Vector2d {
-          const Eigen::Vector3d P = at * model.vertices[static_cast<std::size_t>(vertex)];
-          return focal_length() / P.z() * P.head<2>() + centre();
-        };
-        const Eigen::Vector2d a = image(from, edge.from), along = image(from, edge.to) - a;
-        const Eigen::Vector2d normal_of_edge = Eigen::Vector2d(-along.y(), along.x()).normalized();
-        const double swept = along.norm() * std::abs(normal_of_edge.dot(image(to, edge.from) - a));
-        for (int i = count(per_px * swept); i > 0; --i)
-          add(a + share(random) * along + 0.6 * normal(random) * normal_of_edge, t);
-      }
-      for (int i = count(noise_hz * step_s * size.width * size.height); i > 0; --i)
-        add({share(random) * size.width - 0.5, share(random) * size.height - 0.5}, t);
-    }
-    std::ranges::sort(events, {}, &Event::t);
-    return events;
-  }
-
-  StartPoseSearch search_from(const Eigen::Isometry3d& T_rough, const StartPoseSearchSettings& settings = {}) const {
-    return {model, focal_length(), Box{-centre(), centre()}, T_rough, settings};
-  }
-
-  // Off by two thirds of what is within reach, this way or that; in depth along its line of sight.
-  Eigen::Isometry3d rough(unsigned seed) const {
-    std::mt19937 random(seed);
-    const double length = (model.vertices[0] - model.vertices[1]).norm();
-    Eigen::Isometry3d rough = T;
-    rough.translation() *= seed % 2 == 0 ? 1.065 : 0.935;
-    return off(rough, random, 0.12 * length, 0, 4);
-  }
-
-  // How far the vertices that are in the image are from where they were at that time.
-  double error_px(const Eigen::Isometry3d& found, Timestamp t) const {
-    const Eigen::Isometry3d truth = pose(static_cast<double>(t) * 1e-6);
-    double squared = 0;
-    int seen = 0;
-    for (const Eigen::Vector3d& vertex : model.vertices) {
-      const Eigen::Vector3d P = found * vertex, Q = truth * vertex;
-      const Eigen::Vector2d at = focal_length() / Q.z() * Q.head<2>();
-      if ((at.cwiseAbs() - centre()).maxCoeff() > 0) continue;
-      ++seen;
-      squared += (focal_length() * (P.head<2>() / P.z() - Q.head<2>() / Q.z())).squaredNorm();
-    }
-    return std::sqrt(squared / seen);
-  }
-};
 
 // Pushes events until it is over.
 // @return the time that it took; -1 if it goes on
@@ -144,35 +50,6 @@ void check_found(const std::string& what, const Sketch& sketch, double longest_s
 }
 
 }  // namespace
-
-TEST_CASE("starts 15 mm to a side, 45 mm in depth and 5 degrees off at 0.6 m are found, and tracked, within 50 ms") {
-  int runs = 0, found = 0, found_without = 0;
-  for (std::uint64_t seed = 900; seed < 920; ++seed) {
-    const Trajectory motion = simulated::near_motion(seed);
-    const auto events = simulated::filtered(simulated::near_events(motion, 0.05, seed));
-    REQUIRE(events.size() > 5000);
-    std::mt19937 random(static_cast<unsigned>(seed));
-    for (int i = 0; i < 5; ++i) {
-      const Eigen::Isometry3d start = off(motion(0), random, 0.015, i % 2 == 0 ? 0.045 : -0.045, 5);
-      const auto locked = [&](const MarkerTrackerSettings<>& settings) {
-        MarkerTracker tracker(simulated::camera, kModel, start, settings);
-        CHECK(tracker.searching() == settings.start_search.has_value());
-        for (const Event& event : events) tracker.push(event);
-        CHECK(!tracker.searching());
-        const PoseError error =
-            pose_error(tracker.T_camera_marker(), motion(1e-6 * static_cast<double>(tracker.estimate().t)));
-        return tracker.state() == TrackingState::tracking && error.translation_mm < 2 && error.rotation_deg < 2;
-      };
-      ++runs;
-      found += locked({});
-      found_without += locked({.start_search = std::nullopt});
-    }
-  }
-  MESSAGE("found " << found << " of " << runs << ", without looking for the marker first " << found_without);
-  CHECK(runs == 100);
-  CHECK(found >= 99);
-  CHECK(found_without < 50);  // or the starts were too easy
-}
 
 TEST_CASE("a wireframe is found whatever its size, speed, sensor and noise") {
   const MarkerModel square = make_square_marker(simulated::kMarkerLength);
@@ -258,16 +135,6 @@ TEST_CASE("a search goes on without end, or as long as it is told to") {
     if (event.t >= 100'000) event.t -= 3'600'000'000;
   StartPoseSearch of_new_clock = sketch.search_from(sketch.T, {.longest = std::chrono::milliseconds(200)});
   CHECK(run(of_new_clock, set_back, sketch) == doctest::Approx(0.2 - 3600).epsilon(1e-5).scale(0));
-
-  MarkerTracker tracker(sketch.camera, kModel, sketch.T,
-                        {.start_search = StartPoseSearchSettings{.longest = std::chrono::milliseconds(200)}});
-  const PoseEstimate* last = nullptr;
-  for (const Event& event : events) {
-    CHECK(tracker.searching() == (last == nullptr));
-    if (const PoseEstimate* const pose = tracker.push(event)) last = pose;
-  }
-  REQUIRE(last);
-  CHECK(last->quality.state == TrackingState::lost);
 }
 
 TEST_CASE("a search starts again around another pose, as far as is said") {
@@ -295,26 +162,9 @@ TEST_CASE("a wireframe that is not to be seen is searched in vain, and in bounde
   CHECK(search.evidence() == 0);
 }
 
-TEST_CASE("events that were missed begin the search anew instead of losing the marker") {
-  const Sketch sketch{.duration_s = 0.05};
-  MarkerTracker tracker(sketch.camera, kModel, sketch.rough(1));
-  const auto events = sketch.draw(6);
-  for (std::size_t i = 0; i < 50; ++i) tracker.push(events[i]);
-  REQUIRE(tracker.searching());
-  CHECK(tracker.skip(std::chrono::milliseconds(100)) == nullptr);
-  CHECK(tracker.state() == TrackingState::converging);
-  for (std::size_t i = 50; i < events.size(); ++i) tracker.push(events[i]);
-  CHECK_FALSE(tracker.searching());
-  REQUIRE(tracker.start_search());
-  CHECK(tracker.start_search()->evidence() > tracker.start_search()->needed_evidence());
-}
-
-// --- Real recordings
-// --------------------------------------------------------------------------------------------------
+// --- Real recordings -------------------------------------------------------------------------------------------------
 
 namespace {
-
-const std::filesystem::path kData = EVMARKER_SHARED_DATA;
 
 std::vector<std::vector<double>> read_table(const std::filesystem::path& path) {
   std::ifstream file(path);
@@ -363,10 +213,7 @@ std::pair<int, double> found_from(const Camera& camera, const MarkerModel& model
 }  // namespace
 
 TEST_CASE("the real pyramid and the real flip are found within some tens of milliseconds") {
-  if (!std::filesystem::exists(kData / "pyramid/events.csv") || !std::filesystem::exists(kData / "flip/events.csv")) {
-    MESSAGE("skipped: no recordings in " << kData.string());
-    return;
-  }
+  if (missing(kData / "pyramid") || missing(kData / "flip")) return;
   std::vector<Start> starts;
   for (const auto& row : read_table(kData / "pyramid/reference.csv")) {
     if (row.size() != 11 || !(row[8] > 0.6 && row[10] < 100)) continue;

@@ -97,14 +97,14 @@ Isometry3d truth_at(double seconds) {
   return T;
 }
 
-struct Sight {
+struct SeenEvent {
   Vector2d m;
   Timestamp t;
 };
-std::vector<Sight> square_events(int count, Timestamp duration_us) {
+std::vector<SeenEvent> square_events(int count, Timestamp duration_us) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> place(0, 1);
-  std::vector<Sight> events;
+  std::vector<SeenEvent> events;
   for (int i = 0; i < count; ++i) {
     const Timestamp t = duration_us * i / count;
     const int edge = static_cast<int>(random() % 4);
@@ -258,7 +258,7 @@ TEST_CASE("a slowly moving square is followed to a fraction of a pixel") {
     Follower follower(evmarker::make_square_marker(2 * kHalf), kFocal, truth_at(0), {.events_per_update = n});
     double worst_px = 0, worst_m = 0, farthest_px = 0;
     int updates = 0, matched = 0;
-    for (const Sight& event : events) {
+    for (const SeenEvent& event : events) {
       const auto result = follower.push(event.m, event.t);
       matched += result.match == MatchResult::matched;
       if (!result.updated) continue;
@@ -286,7 +286,7 @@ TEST_CASE("a displaced start is captured") {
   start.translation() += Vector3d(0.001, -0.0012, 0.003);
   REQUIRE(corner_error_px(start, truth_at(0)) > 1.2);
   Follower follower(evmarker::make_square_marker(2 * kHalf), kFocal, start, {.events_per_update = 20});
-  for (const Sight& event : events) follower.push(event.m, event.t);
+  for (const SeenEvent& event : events) follower.push(event.m, event.t);
   CHECK(corner_error_px(follower.T_camera_marker(), truth_at(0.5)) < 0.5);
 }
 
@@ -294,7 +294,7 @@ TEST_CASE("the same events give the same poses, and copies go their own ways") {
   const auto events = square_events(20000, 100'000);
   Follower first(evmarker::make_square_marker(2 * kHalf), kFocal, truth_at(0), {.events_per_update = 7});
   Follower second = first;
-  for (const Sight& event : events) {
+  for (const SeenEvent& event : events) {
     const auto a = first.push(event.m, event.t), b = second.push(event.m, event.t);
     REQUIRE(a.updated == b.updated);
   }
@@ -307,7 +307,7 @@ TEST_CASE("the same events give the same poses, and copies go their own ways") {
   CHECK(first.T_camera_marker().matrix() == kept.matrix());
   CHECK(branch.T_camera_marker().matrix() != kept.matrix());
   CHECK(corner_error_px(branch.T_camera_marker(), truth_at(0)) < 0.5);  // back where it came from
-  for (const Sight& event : square_events(30000, 150'000))
+  for (const SeenEvent& event : square_events(30000, 150'000))
     if (event.t >= 100'000) {
       first.push(event.m, event.t);
       second.push(event.m, event.t);

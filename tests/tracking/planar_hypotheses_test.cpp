@@ -125,10 +125,9 @@ TEST_CASE("between two poses that lag behind a fast marker nothing is decided: n
                                                     .amplitude_rad = {0.1, 0.1, 0.3},
                                                     .frequency_hz = 3,
                                                     .seed = seed});
-    const auto events =
-        simulated::record({camera,
-                           {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
-                           SimulatorSettings{.duration_s = 0.05, .seed = seed, .light_time_constant_us = 50}});
+    const auto events = simulated::record(
+        camera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+        SimulatorSettings{.duration_s = 0.05, .seed = seed, .light_time_constant_us = 50});
     REQUIRE(events.size() > 10000);
     for (const bool right_one_first : {true, false}) {
       CAPTURE(seed);

@@ -76,10 +76,9 @@ TEST_CASE_TEMPLATE("where all motion stops there is no outage and no loss, with 
   for (const double noise_hz_per_px : {0.0, 3.0, 0.01, 0.1, 1.0, 10.0, 20.0}) {
     if (kSanitized && noise_hz_per_px != 0 && noise_hz_per_px != 3) break;
     CAPTURE(noise_hz_per_px);
-    const auto events =
-        simulated::record({simulated::camera,
-                           {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
-                           SimulatorSettings{.duration_s = 0.6, .seed = 73, .noise_hz_per_px = noise_hz_per_px}});
+    const auto events = simulated::record(
+        simulated::camera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+        SimulatorSettings{.duration_s = 0.6, .seed = 73, .noise_hz_per_px = noise_hz_per_px});
     const Outcome outcome = track<Rule>(motion, events);
     CHECK(outcome.statistics.outages == 0);
     CHECK(outcome.losses.empty());

@@ -29,7 +29,7 @@ AccuracyMeter tracked(const SimulatorSettings& sensor) {
       {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}}, {}, {}};
   Tracker tracker(simulated::camera, TrueDetector{motion});
   AccuracyMeter meter;
-  tracker.push(simulated::record({simulated::camera, scene, settings}),
+  tracker.push(simulated::record(simulated::camera, scene, settings),
                [&](const PoseEstimate& pose) { meter.add(pose, motion(seconds(pose.t))); });
   MESSAGE(meter.tracking() << " poses, cover " << meter.coverage(kDuration_us) << ", " << meter.translation_mm().mean
                            << " mm, " << meter.rotation_deg().mean << " deg, NEES " << meter.nees().mean << ", wild "

@@ -62,10 +62,9 @@ TEST_CASE("a tracker that has taken a marker's turn to the wrong side changes ov
 TEST_CASE("events beyond the reach have no effect, also while both sides are followed") {
   const Trajectory motion = nodding(1);
   constexpr Timestamp kStart = 530000;
-  std::vector<Event> events =
-      simulated::record({simulated::camera,
-                         {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
-                         SimulatorSettings{.duration_s = 0.65, .seed = 5, .noise_hz_per_px = 5}});
+  std::vector<Event> events = simulated::record(
+      simulated::camera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
+      SimulatorSettings{.duration_s = 0.65, .seed = 5, .noise_hz_per_px = 5});
   std::erase_if(events, [](const Event& event) { return event.t < kStart; });
   const UndistortionTable lines(simulated::camera);
   MarkerTracker<> all = tracker_at(mirrored(motion(seconds(kStart))), kStart, {.start_search = std::nullopt});

@@ -67,7 +67,7 @@ std::vector<PoseEstimate> track(T& tracker, const std::vector<Event>& events) {
 }  // namespace
 
 TEST_CASE("a marker is found, tracked within the paper's error and nothing else is seen") {
-  for (const std::uint64_t seed : {51u, 52u}) {
+  for (std::uint64_t seed = 51; seed <= (kSanitized ? 51 : 52); ++seed) {
     CAPTURE(seed);
     const Trajectory motion = simulated::near_motion(seed);
     const auto events = simulated::near_events(motion, 1.2, seed, 1);
@@ -103,7 +103,7 @@ TEST_CASE("a marker that is hidden for 200 ms is reported lost and found again")
   const Scene scene{{{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motion}},
                     {{.centre_px = board, .half_size_px = {300, 220}}},
                     {}};
-  const auto events = simulated::record({simulated::camera, scene, {.duration_s = 1.4, .seed = 53}});
+  const auto events = simulated::record(simulated::camera, scene, {.duration_s = 1.4, .seed = 53});
   Tracker tracker(simulated::camera, aruco());
   const auto poses = track(tracker, events);
   const auto in_state = [&](TrackingState state, double from_s, double to_s) {
@@ -150,7 +150,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
                      {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = moved(middle, 0.08)}},
                     {{.centre_px = board, .half_size_px = {150, 240}}},
                     {}};
-  auto events = simulated::record({simulated::camera, scene, {.duration_s = 0.8, .seed = 56}});
+  auto events = simulated::record(simulated::camera, scene, {.duration_s = 0.8, .seed = 56});
   for (std::size_t i = 0; i + 7 < events.size(); i += 50)
     events[i].t = events[i + 7].t;  // some step back, or are equal
   const auto run = [&](std::size_t together) {
@@ -167,7 +167,8 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
   REQUIRE(statistics.registered >= 2);
   REQUIRE(statistics.lost >= 1);
   for (const MarkerId id : {0, 1}) REQUIRE(std::ranges::count(expected, id, &PoseEstimate::id) > 100);
-  for (const std::size_t together : {1u, 100u, 5000u, 100000000u}) {
+  for (const std::size_t together : {5000u, 100u, 1u, 100000000u}) {
+    if (kSanitized && together != 5000) break;
     CAPTURE(together);
     const auto [poses, again] = run(together);
     CHECK(again.events == statistics.events);
@@ -195,11 +196,12 @@ TEST_CASE("where markers meet, events that come together give the same poses, bi
   CodeBits other = simulated::code();
   other(0, 0) ^= 1;
   const auto events = simulated::record(
-      {simulated::camera,
-       {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = behind},
-        {.id = 1, .length = simulated::kMarkerLength, .bits = other, .T_camera_marker = before}},
-       SimulatorSettings{.duration_s = 0.9, .seed = 62}});
+      simulated::camera,
+      {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = behind},
+       {.id = 1, .length = simulated::kMarkerLength, .bits = other, .T_camera_marker = before}},
+      SimulatorSettings{.duration_s = 0.9, .seed = 62});
   for (const int n : {20, 100}) {
+    if (kSanitized && n != 20) break;
     CAPTURE(n);
     TrackerSettings<> settings;
     settings.marker.events_per_update = n;
@@ -241,10 +243,10 @@ TEST_CASE("markers are searched in the order of their losses, however many event
   CodeBits other = simulated::code();
   other(0, 0) ^= 1;
   const auto events =
-      simulated::record({simulated::camera,
-                         {{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motions[0]},
-                          {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = motions[1]}},
-                         SimulatorSettings{.duration_s = 0.5, .seed = 63}});
+      simulated::record(simulated::camera,
+                        {{.id = 0, .length = 0.10, .bits = simulated::code(), .T_camera_marker = motions[0]},
+                         {.id = 1, .length = 0.10, .bits = other, .T_camera_marker = motions[1]}},
+                        SimulatorSettings{.duration_s = 0.5, .seed = 63});
   const auto begin = std::ranges::lower_bound(events, 400000, {}, &Event::t);
   const std::vector<Event> before(events.begin(), begin), after(begin, events.end());
   // Beside the upper edge of marker 1, then of marker 0: both are lost in one batch, marker 1 first.
@@ -352,9 +354,9 @@ TEST_CASE("a marker that was moved while the camera was restarted is found where
   constexpr double kStart_s = 1000;
   const auto motion = [=](double t) { return t < kStart_s ? after(t) : before(t - kStart_s); };
   const auto record = [](const Trajectory& of, double duration_s) {  // no noise: nothing where the marker was
-    return simulated::record({simulated::camera,
-                              {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = of}},
-                              SimulatorSettings{.duration_s = duration_s, .seed = 61, .noise_hz_per_px = 0}});
+    return simulated::record(simulated::camera,
+                             {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = of}},
+                             SimulatorSettings{.duration_s = duration_s, .seed = 61, .noise_hz_per_px = 0});
   };
   auto events = record(before, 0.1);
   for (Event& event : events) event.t += static_cast<Timestamp>(1e6 * kStart_s);
@@ -415,9 +417,9 @@ TEST_CASE("a marker that moves by its size while the detector works is confirmed
   const Trajectory motion = simulated::near_motion(63);
   constexpr double kSide_m = 0.015;
   const MarkerModel model = make_code_marker(kSide_m, simulated::code());
-  const auto events = simulated::record({simulated::camera,
-                                         {{.length = kSide_m, .bits = simulated::code(), .T_camera_marker = motion}},
-                                         SimulatorSettings{.duration_s = 0.6, .seed = 63}});
+  const auto events =
+      simulated::record(simulated::camera, {{.length = kSide_m, .bits = simulated::code(), .T_camera_marker = motion}},
+                        SimulatorSettings{.duration_s = 0.6, .seed = 63});
   TrackerCore<> core(simulated::camera, {.detections_to_confirm = 4},
                      SpatiotemporalFilter(simulated::camera.sensor_size()));
   const auto use = [](const PoseEstimate&) {};
@@ -694,7 +696,7 @@ TEST_CASE("several markers are tracked at once, each by its own id") {
   std::vector<SimulatedMarker> markers;
   for (const auto& [id, motion] : motions)
     markers.push_back({.id = id, .length = 0.10, .bits = simulated::code(id), .T_camera_marker = motion});
-  const auto events = simulated::record({simulated::camera, markers, SimulatorSettings{.duration_s = 1, .seed = 58}});
+  const auto events = simulated::record(simulated::camera, markers, SimulatorSettings{.duration_s = 1, .seed = 58});
   Tracker tracker(simulated::camera, aruco());
   std::map<MarkerId, AccuracyMeter> meters;
   for (const PoseEstimate& pose : track(tracker, events)) {
@@ -740,10 +742,10 @@ TEST_CASE("a marker that another one covers in part is followed by its own edges
     REQUIRE(std::ranges::max(covered) < 0.35);
 
     const auto events = simulated::record(
-        {simulated::camera,
-         {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(0), .T_camera_marker = behind},
-          {.id = 1, .length = simulated::kMarkerLength, .bits = simulated::code(1), .T_camera_marker = before}},
-         SimulatorSettings{.duration_s = 1.5, .seed = seed}});
+        simulated::camera,
+        {{.id = 0, .length = simulated::kMarkerLength, .bits = simulated::code(0), .T_camera_marker = behind},
+         {.id = 1, .length = simulated::kMarkerLength, .bits = simulated::code(1), .T_camera_marker = before}},
+        SimulatorSettings{.duration_s = 1.5, .seed = seed});
     Tracker tracker(simulated::camera, aruco());
     AccuracyMeter meter;
     int while_covered = 0;

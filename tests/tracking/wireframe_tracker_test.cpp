@@ -62,7 +62,7 @@ const Recording& hidden_once() {
         .until_s = 0.52};
     const SimulatedMarker marker{
         .id = 0, .length = kMarkerLength, .bits = simulated::code(), .T_camera_marker = r.motion};
-    r.events = simulated::record({simulated::camera, {{marker}, {cover}, {}}, {.duration_s = 1, .seed = 3}});
+    r.events = simulated::record(simulated::camera, {{marker}, {cover}, {}}, {.duration_s = 1, .seed = 3});
     return r;
   }();
   return recording;
@@ -216,7 +216,7 @@ struct TouchedBox {
     SimulatorSettings sensor = sensor_preset("dvs128").settings;
     sensor.duration_s = 4;
     sensor.seed = random.bits();
-    events = simulated::record(Simulator(camera, scene, sensor));
+    events = simulated::record(camera, scene, sensor);
   }
 };
 

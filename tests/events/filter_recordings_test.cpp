@@ -17,7 +17,7 @@
 #include "evmarker/events/spatiotemporal_filter.hpp"
 #include "evmarker/io/csv_reader.hpp"
 #include "evmarker/model/camera.hpp"
-#include "recordings/data.hpp"
+#include "real_data.hpp"
 
 using namespace evmarker;
 using namespace evmarker::test;

@@ -46,12 +46,11 @@ std::vector<Rested<Rule>> rest(const Rest& rest, const std::vector<int>& events_
   for (const int n : events_per_update)
     all.push_back({n, {kRestCamera, model, motion(0), {.events_per_update = n, .start_search = std::nullopt}}});
   const Timestamp end = static_cast<Timestamp>(1e6 * (kMove_s + rest.seconds));
-  Simulator simulator(
+  const auto events = simulated::record(
       kRestCamera, {{.length = simulated::kMarkerLength, .bits = simulated::code(), .T_camera_marker = motion}},
-      SimulatorSettings{
-          .duration_s = 2 * kMove_s + rest.seconds, .seed = seed, .noise_hz_per_px = rest.noise_hz_per_px});
+      {.duration_s = 2 * kMove_s + rest.seconds, .seed = seed, .noise_hz_per_px = rest.noise_hz_per_px});
   bool over = false;
-  for_each_event(simulator, [&](const Event& event) {
+  for (const Event& event : events) {
     if (!over && event.t >= end) {
       over = true;
       for (Rested<Rule>& one : all) one.at_end = one.tracker.pose_at(end, end);
@@ -62,7 +61,7 @@ std::vector<Rested<Rule>> rest(const Rest& rest, const std::vector<int>& events_
       (over ? one.after : one.before).add(*pose, motion(1e-6 * static_cast<double>(pose->t)));
       if (over && one.first_after == 0) one.first_after = pose->t - end;
     }
-  });
+  }
   return all;
 }
 

@@ -9,7 +9,7 @@
 #include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/update/decoupled_update.hpp"
 #include "evmarker/update/kalman_update.hpp"
-#include "recordings/data.hpp"
+#include "real_data.hpp"
 
 using namespace evmarker;
 using namespace evmarker::test;

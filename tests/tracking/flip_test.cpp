@@ -15,7 +15,7 @@
 #include "evmarker/simulation/trajectory.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/update/decoupled_update.hpp"
-#include "recordings/data.hpp"
+#include "real_data.hpp"
 
 using namespace evmarker;
 using namespace evmarker::test;
@@ -54,8 +54,8 @@ namespace {
 
 // No calibration is known: the middle of the image, about 100 px. The square's size is not known either; any will do,
 // since only its image is compared.
-constexpr double kFocal = 100, kCentre = 63.5, kSide = 0.3, kStart_us = 100000, kEnd_us = 1950000;
-const PinholeCamera kFlipCamera{{128, 128}, kFocal, kFocal, kCentre, kCentre};
+constexpr double kFlipFocal = 100, kCentre = 63.5, kSide = 0.3, kStart_us = 100000, kEnd_us = 1950000;
+const PinholeCamera kFlipCamera{{128, 128}, kFlipFocal, kFlipFocal, kCentre, kCentre};
 
 // Follows the square from 0.1 to 1.95 s and compares its centre and in-plane angle with the reference.
 // @param share of the reference's moments at which the latest pose must be `tracking` and right
@@ -66,9 +66,10 @@ void follow_the_flip(const MarkerTrackerSettings<Rule>& settings, double share) 
   const auto fits = read_fits(folder / "square_fit.csv");
   REQUIRE(fits.size() > 50);
   const Fit start = at(fits, kStart_us);
-  const double depth = kFocal * kSide / start.side_px;
-  const Eigen::Isometry3d T_start = facing_pose(
-      {(start.x - kCentre) / kFocal * depth, (start.y - kCentre) / kFocal * depth, depth}, {0, 0, start.angle_rad});
+  const double depth = kFlipFocal * kSide / start.side_px;
+  const Eigen::Isometry3d T_start =
+      facing_pose({(start.x - kCentre) / kFlipFocal * depth, (start.y - kCentre) / kFlipFocal * depth, depth},
+                  {0, 0, start.angle_rad});
 
   MarkerTracker<Rule> tracker(kFlipCamera, make_square_marker(kSide), T_start, settings);
   io::CsvReader recording(folder / "events.csv", {.sensor_size = kFlipCamera.sensor_size()});
