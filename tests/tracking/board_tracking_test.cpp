@@ -68,10 +68,6 @@ AccuracyMeter tracked(const Detector& detector, const std::vector<Event>& events
   return meter;
 }
 
-std::vector<Event> recorded(const Board& board, const Trajectory& motion, std::uint64_t seed) {
-  return simulated::record(simulated::camera, simulated_markers(board, motion), {.duration_s = 12, .seed = seed});
-}
-
 const opencv::ArucoDetector kDetector(simulated::camera, {.marker_length = kCubeMarkerLength, .ids = {1, 2, 3, 4, 5}});
 
 }  // namespace
@@ -215,7 +211,7 @@ TEST_CASE(
     CAPTURE(seed);
     const Trajectory motion = turning(seed);
     const AccuracyMeter meter =
-        tracked(BoardDetector(simulated::camera, kDetector, {cube()}), recorded(cube(), motion, seed), motion);
+        tracked(BoardDetector(simulated::camera, kDetector, {cube()}), record(cube(), motion, 12, seed), motion);
     CHECK(meter.tracking() > 30000);
     CHECK(meter.lost() == 0);
     CHECK(meter.translation_mm().mean < 0.3);
@@ -232,7 +228,7 @@ TEST_CASE("a cube is measured to 0.08 mm and 0.06 deg from a recording, and trac
   }
   const Trajectory motion = turning(2);
   const Board board = cube();
-  const std::vector<Event> events = recorded(board, motion, 2);
+  const std::vector<Event> events = record(board, motion, 12, 2);
 
   TrackerSettings<> settings;
   const auto calibrated = [&] {
