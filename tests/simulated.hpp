@@ -37,8 +37,7 @@ inline Trajectory near_motion(std::uint64_t seed) {
       {.T_centre = facing_pose({0, 0, 0.6}), .amplitude_m = {0.10, 0.08, 0.10}, .frequency_hz = 1.3, .seed = seed});
 }
 
-/// Every event of a simulation. Compiled once for all tests, and optimised also where they are not: most of their time
-/// goes by in simulating.
+/// Every event of a simulation. Compiled once for all tests, and optimised also where they are not, see CMakeLists.txt.
 std::vector<Event> record(const PinholeCamera& camera, Scene scene, const SimulatorSettings& settings = {});
 std::vector<Event> record(const PinholeCamera& camera, std::vector<SimulatedMarker> markers,
                           const SimulatorSettings& settings = {});
