@@ -1,5 +1,5 @@
 #pragma once
-// Boards that tests look at and track: a plate, a cube's corner, a cube.
+// Boards that tests look at, track and measure: a plate, a cube's corner, a cube.
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "evmarker/simulation/trajectory.hpp"
-#include "sanitized.hpp"
 #include "tracking/facing_square.hpp"
 
 using namespace evmarker;
@@ -184,7 +183,7 @@ TEST_CASE("a marker that is doubted by its polarities alone is never lost, and t
 
 TEST_CASE("polarities as random as they always were are no evidence") {
   for (const double share : {0.0, 0.1, 0.3, 0.6, 1.0})
-    for (unsigned seed = 1; seed <= (kSanitized ? 5 : 20); ++seed) {
+    for (unsigned seed = 1; seed <= 20; ++seed) {
       CAPTURE(share);
       CAPTURE(seed);
       MovingSquare scene(seed);

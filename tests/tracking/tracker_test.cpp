@@ -67,7 +67,7 @@ std::vector<PoseEstimate> track(T& tracker, const std::vector<Event>& events) {
 }  // namespace
 
 TEST_CASE("a marker is found, tracked within the paper's error and nothing else is seen") {
-  for (std::uint64_t seed = 51; seed <= (kSanitized ? 51 : 52); ++seed) {
+  for (const std::uint64_t seed : {51u, 52u}) {
     CAPTURE(seed);
     const Trajectory motion = simulated::near_motion(seed);
     const auto events = simulated::near_events(motion, 1.2, seed, 1);
@@ -167,8 +167,7 @@ TEST_CASE("however many events come together, the poses are the same, bit for bi
   REQUIRE(statistics.registered >= 2);
   REQUIRE(statistics.lost >= 1);
   for (const MarkerId id : {0, 1}) REQUIRE(std::ranges::count(expected, id, &PoseEstimate::id) > 100);
-  for (const std::size_t together : {5000u, 100u, 1u, 100000000u}) {
-    if (kSanitized && together != 5000) break;
+  for (const std::size_t together : {1u, 100u, 5000u, 100000000u}) {
     CAPTURE(together);
     const auto [poses, again] = run(together);
     CHECK(again.events == statistics.events);
@@ -201,7 +200,6 @@ TEST_CASE("where markers meet, events that come together give the same poses, bi
        {.id = 1, .length = simulated::kMarkerLength, .bits = other, .T_camera_marker = before}},
       SimulatorSettings{.duration_s = 0.9, .seed = 62});
   for (const int n : {20, 100}) {
-    if (kSanitized && n != 20) break;
     CAPTURE(n);
     TrackerSettings<> settings;
     settings.marker.events_per_update = n;
