@@ -5,12 +5,16 @@
 #include <random>
 
 using evmarker::BackgroundShare;
+using evmarker::MatchedBackground;
+using evmarker::MovingShare;
 
 namespace {
 
 // Events that come at random to edges and beside them, so many a second, for so long, judged after every 10 matched.
 struct Around {
   BackgroundShare share;
+  MovingShare by_polarities;  // none, unless a test says so
+  MatchedBackground last;
   std::mt19937 random{7};
   double t_us = 0;
   int judged = 0, still = 0, moving = 0;
@@ -23,26 +27,37 @@ struct Around {
       const double dt_us = std::gamma_distribution(10.0, 1e6 / matched_hz)(random);
       t_us += dt_us;
       const int others = std::poisson_distribution(dt_us * 1e-6 * others_hz)(random);
-      if (!share.add(10, others, static_cast<evmarker::Timestamp>(t_us))) continue;
+      const auto t = static_cast<evmarker::Timestamp>(t_us);
+      share.add(10, others, t);
+      if (!share.due()) continue;
+      last = share.measure(t, by_polarities);
       ++judged;
-      still += share.signal() < 0.1;
-      moving += share.signal() > 0.99;
+      still += last.signal_weight < 0.1;
+      moving += last.signal_weight > 0.99;
     }
   }
 };
 
 }  // namespace
 
-TEST_CASE("events are of moving edges before anything is known") { CHECK(BackgroundShare().signal() == 1); }
+TEST_CASE("events are of moving edges before anything is known") {
+  CHECK(MatchedBackground().signal_weight == 1);
+  CHECK(MatchedBackground().noise_per_s == 0);
+}
 
 TEST_CASE("the first events, which began at an unknown time, tell no rate of the background") {
   BackgroundShare share;
   share.expect_matching(1.0 / 3);
   share.add(100, 2000, 1000000);
+  REQUIRE(!share.due());
   share.add(100, 10, 1001000);
+  REQUIRE(share.due());
+  share.measure(1001000, {});
   // Twice the usual rate at most, of which half as many match: 10 in a millisecond, not 1000 in one.
   share.add(100, 1000, 1002000);
-  CHECK(share.matching_per_s() == doctest::Approx(10000).epsilon(0.01));
+  const MatchedBackground background = share.measure(1002000, {});
+  CHECK(background.by_chance_per_s == doctest::Approx(10000).epsilon(0.01));
+  CHECK(background.noise_per_s == background.by_chance_per_s);
 }
 
 TEST_CASE("at rest the events are background, whatever its rate and however crowded the edges are") {
@@ -62,7 +77,7 @@ TEST_CASE("in motion they are of edges, at once after a rest") {
   Around around;
   around.share.expect_matching(1.0 / 3);
   around.pass(1, 1000, 2000);
-  REQUIRE(around.share.signal() < 0.1);
+  REQUIRE(around.last.signal_weight < 0.1);
   around.pass(0.01, 101000, 2000 + 5000);
   REQUIRE(around.judged > 10);
   CHECK(around.moving == around.judged);
@@ -102,9 +117,34 @@ TEST_CASE("what a fast marker makes beside its edges is no background of the sam
   Around around;
   around.share.expect_matching(1.0 / 2);
   around.pass(1, 200000, 20000);
-  CHECK(around.share.signal() == 1);
-  CHECK(around.share.matching_per_s() > 5000);
+  CHECK(around.last.signal_weight == 1);
+  CHECK(around.last.noise_per_s > 5000);
   around.pass(0.1, 8000, 800);
-  CHECK(around.share.signal() == 1);
-  CHECK(around.share.matching_per_s() < 2000);  // of the 8000 and not the 20000 of before
+  CHECK(around.last.signal_weight == 1);
+  CHECK(around.last.noise_per_s < 2000);  // of the 8000 and not the 20000 of before
+}
+
+TEST_CASE("what a small marker makes beside its edges is no noise, as its polarities show") {
+  for (const double noise_hz : {0.0, 2000.0}) {
+    CAPTURE(noise_hz);
+    Around around;
+    around.share.expect_matching(1.0 / 2);
+    // Six tenths as many beside its edges as on them, all of which fit the motion, but for the noise.
+    const double of_edges_hz = 200000, beside_hz = 120000, fitting = of_edges_hz / (of_edges_hz + noise_hz);
+    around.by_polarities = {.likely = 0.98 * fitting, .least = 0.85 * fitting};
+    around.pass(0.2, of_edges_hz + noise_hz, beside_hz + noise_hz);
+    CHECK(around.moving == around.judged);
+    CHECK(around.last.by_chance_per_s > 0.4 * beside_hz);
+    CHECK(around.last.noise_per_s >= noise_hz);
+    CHECK(around.last.noise_per_s < noise_hz + 0.05 * of_edges_hz);
+    // It turns back: for a moment it is slow, and its motion is not known. Its events are still no noise.
+    around.by_polarities = {};
+    around.pass(0.01, of_edges_hz / 4 + noise_hz, beside_hz / 4 + noise_hz);
+    REQUIRE(around.judged >= 2);
+    CHECK(around.still == 0);
+    // It rests.
+    if (noise_hz == 0) continue;
+    around.pass(2, noise_hz, noise_hz);
+    CHECK(around.still > 0.8 * around.judged);
+  }
 }

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <cstdint>
 #include <optional>
+#include <random>
 
+#include "evmarker/evaluation/accuracy.hpp"
 #include "evmarker/model/information.hpp"
 #include "evmarker/tracking/marker_tracker.hpp"
 #include "evmarker/update/kalman_update.hpp"
@@ -132,5 +134,42 @@ TEST_CASE("a marker that stops keeps its pose, and its uncertainty grows") {
     CHECK(silent < 0.001);
     REQUIRE(poses_after > 100);  // it goes on
     CHECK(after < 0.005);
+  }
+}
+
+TEST_CASE("a small marker that comes and goes amid clutter is followed, although as many events lie beside its edges") {
+  // As a marker of family 36h11: ten cells across 35 to 45 px, of which few events lie beside no other edge.
+  CodeBits bits(8, 8);
+  std::mt19937 random(36);  // any code
+  for (Eigen::Index i = 0; i < bits.size(); ++i) bits.data()[i] = static_cast<std::uint8_t>(random() % 2);
+  constexpr double kLength = 0.06;
+  const PinholeCamera camera{{160, 120}, 700, 700, 79.5, 59.5};
+  for (const std::uint64_t seed : {481u, 482u, 483u, 484u}) {
+    Isometry3d tilted = facing_pose({0, 0, 1});
+    tilted.rotate(Eigen::AngleAxisd(0.6, Eigen::Vector3d(1, 0.3, 0.2).normalized()));
+    const Trajectory motion = trajectory::handheld({.T_centre = tilted,
+                                                    .amplitude_m = {0.02, 0.02, 0.15},
+                                                    .amplitude_rad = {0.2, 0.2, 0.3},
+                                                    .frequency_hz = 2.5,
+                                                    .seed = seed});
+    const Background clutter{.mean = 0.11, .contrast = 0.8, .texture_size_px = 9.7, .velocity_px_per_s = {70, 70}};
+    const auto events = simulated::record(
+        camera, {.markers = {{.length = kLength, .bits = bits, .T_camera_marker = motion}}, .background = clutter},
+        {.duration_s = 0.5, .seed = seed, .noise_hz_per_px = 1});
+    MarkerTracker<KalmanUpdate> tracked(camera, make_code_marker(kLength, bits), motion(0),
+                                        {.start_search = std::nullopt});
+    AccuracyMeter meter;
+    for (const Event& event : events)
+      if (const PoseEstimate* const pose = tracked.push(event))
+        meter.add(*pose, motion(1e-6 * static_cast<double>(pose->t)));
+    MESSAGE("seed " << seed << ": " << events.size() << " events, " << meter.tracking() << " poses off by "
+                    << meter.translation_mm().mean << " mm, " << meter.rotation_deg().mean << " deg, at most "
+                    << meter.translation_mm().max << " mm, " << meter.rotation_deg().max << " deg");
+    REQUIRE(meter.tracking() > 1000);
+    CHECK(meter.coverage(500000) > 0.95);
+    CHECK(meter.translation_mm().mean < 5);
+    CHECK(meter.rotation_deg().mean < 0.7);
+    CHECK(meter.translation_mm().max < 35);
+    CHECK(meter.rotation_deg().max < 5);
   }
 }

@@ -530,11 +530,11 @@ TEST_CASE("noise at rest tells nothing of the edges: the covariance after it is 
   KalmanUpdate rule = moving.rule(), rested = moving.rule();
   Isometry3d T = moving.T_camera_marker(), T_rested = T;
   for (KalmanUpdate* each : {&rule, &rested}) each->bound_motion_by_events(300, 1);
-  rule.set_signal_weight(1, 0);
-  rested.set_signal_weight(0, 1000);
+  rule.set_background({.signal_weight = 1});
+  rested.set_background({.signal_weight = 0, .by_chance_per_s = 1000, .noise_per_s = 1000});
   for (int i = 0; i < 20000; ++i) rested.add(matched(T, i % 2 == 0 ? 1.5 : -1.5), T);
   REQUIRE(rested.update(T_rested, t));
-  rested.set_signal_weight(1, 0);
+  rested.set_background({.signal_weight = 1});
   SegmentMatcher matcher(kCode, kFocal);
   for (int update = 0; update < 100; ++update) {
     REQUIRE(matcher.project(T));
@@ -934,46 +934,41 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
   CHECK(message_of({}, -5) == "kalman update: events_per_update is -5");
 }
 
-TEST_CASE("a pose goes on while polarities fit its motion, whatever lies beside the edges") {
+TEST_CASE("the rule tells which share of the events is of moving edges: those whose polarities fit its motion") {
   const Vector3d velocity(0.3, 0.1, 0);
   const auto motion = [&](double s) {
     Isometry3d T = kTruth;
     T.translation() += s * velocity;
     return T;
   };
-  // Does the pose follow the motion after events of such polarities, once all seems to be background?
-  const auto follows = [&](bool fitting, bool judged_again) {
+  // What it tells after events of such polarities, and whether it has been told of a background since.
+  const auto moving_share = [&](bool fitting, bool told) {
     SegmentMatcher matcher(kCode, kFocal);
     KalmanUpdate rule({}, 10);
     ExactEvents events(45);
     std::mt19937 random(46);
     Isometry3d T = kTruth;
     Timestamp t = 0;
-    const auto pass = [&](int count) {
-      for (int i = 0; i < count; ++i) {
-        t += 20;
-        REQUIRE(matcher.project(T));
-        const Isometry3d now = motion(1e-6 * static_cast<double>(t));
-        Correspondence c;
-        const Vector2d m = events.next(now);
-        if (matcher.match(m, c) != MatchResult::matched) continue;
-        const ImageEdge edge(kCode.segments[events.segment], now),
-            later(kCode.segments[events.segment], motion(1e-6 * static_cast<double>(t) + 1e-3));
-        c.t = t;
-        c.polarity = (fitting ? edge.distance(later.from) > 0 : random() % 2 == 0) ? 1 : -1;
-        rule.add(c, T);
-        if (i % 10 == 9) rule.update(T, t);
-      }
-    };
-    pass(400);
+    for (int i = 0; i < 400; ++i) {
+      t += 20;
+      REQUIRE(matcher.project(T));
+      const Isometry3d now = motion(1e-6 * static_cast<double>(t));
+      Correspondence c;
+      const Vector2d m = events.next(now);
+      if (matcher.match(m, c) != MatchResult::matched) continue;
+      const ImageEdge edge(kCode.segments[events.segment], now),
+          later(kCode.segments[events.segment], motion(1e-6 * static_cast<double>(t) + 1e-3));
+      c.t = t;
+      c.polarity = (fitting ? edge.distance(later.from) > 0 : random() % 2 == 0) ? 1 : -1;
+      rule.add(c, T);
+      if (i % 10 == 9) rule.update(T, t);
+    }
     REQUIRE(translation_error(T, motion(1e-6 * static_cast<double>(t))) < 1e-3);
-    rule.set_signal_weight(0, 0);
-    if (judged_again) rule.set_signal_weight(0, 0);
-    const Isometry3d before = T;
-    pass(50);
-    return translation_error(T, before) > 0;
+    if (told) rule.set_background({});
+    return rule.moving_share();
   };
-  CHECK(follows(true, false));
-  CHECK(!follows(false, false));
-  CHECK(!follows(true, true));
+  CHECK(moving_share(true, false).least > 0.7);
+  CHECK(moving_share(true, false).likely > 0.9);
+  CHECK(moving_share(false, false).least < 0.05);
+  CHECK(moving_share(true, true).least == 0);
 }

@@ -1,16 +1,20 @@
 #pragma once
-// Estimates which share of the events that match edges is background, from the events beside the edges.
+// Estimates which of the events that match edges are background, from the events beside the edges and from polarities.
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "evmarker/events/event.hpp"
+#include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {
 
 /// Estimates how surely the events that match a wireframe's edges come from moving edges, not background. At rest all
 /// events near the wireframe are background: they lie on its edges by chance, and beside them just as densely. While it
-/// moves, few events lie beside the edges; many do so only for a moment, when it moves faster than the pose follows.
+/// moves, few events lie beside the edges of a large marker. Beside those of a small one lie many that it made itself:
+/// they match the other edges by chance, but are no noise. What noise there is has any polarity, and by that the
+/// polarities tell how much of it there can be. Many events lie beside the edges for a moment, too, when the marker
+/// moves faster than the pose follows.
 class BackgroundShare {
  public:
   /// Sets how background is distributed.
@@ -19,43 +23,61 @@ class BackgroundShare {
 
   /// Adds the numbers of events near the wireframe since the last call, and the time of the last one [us].
   /// @param others events that matched no edge
-  /// @return true if there were enough events to compute `signal()` anew
-  bool add(int matched, int others, Timestamp t) noexcept {
+  void add(int matched, int others, Timestamp t) noexcept {
     if (!std::exchange(begun_, true)) {  // since when these events came is not known
       t_us_ = static_cast<double>(t);
-      return false;
+      return;
     }
     matched_ += matched;
     others_ += others;
-    if (matched_ < kTogether) return false;
-    const double now_us = static_cast<double>(t), dt_us = std::max(1.0, now_us - t_us_);
-    t_us_ = now_us;
-    // Background is limited to twice its usual rate: more events beside the edges have another cause.
-    const double background = matching_to_others_ * std::min(1.0 * others_, 2 * others_per_us_ * dt_us);
-    // By the events of this interval. The usual rate is too high for a slow marker that was fast before: then it made
-    // many events beside its edges itself.
-    matching_per_us_ = background / dt_us;
-    others_per_us_ += dt_us / (dt_us + known_us_) * (others_ / dt_us - others_per_us_);
-    known_us_ = std::min(known_us_ + dt_us, kMemory_us);
-    const Excess now{1.0 * matched_, matched_ - background, background * (1 + matching_to_others_)};
-    // Slow motion is not significant in so few events, but in the sum over all since the last fast motion.
-    lately_ = now.signal() < 0.5 ? lately_.faded_plus(now) : Excess();
-    signal_ = std::max(now.signal(), lately_.signal());
-    matched_ = others_ = 0;
-    return true;
   }
 
-  /// Weight of the matched events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.
-  double signal() const noexcept { return signal_; }
+  /// True once there are enough events to `measure` the background.
+  bool due() const noexcept { return matched_ >= kTogether; }
 
-  /// Background events that match edges, when `signal()` was last computed [1/s].
-  double matching_per_s() const noexcept { return 1e6 * matching_per_us_; }
+  /// The background among the events since the last call, whose last one was at t [us].
+  /// @param moving share of those matched that come from moving edges, by their polarities
+  MatchedBackground measure(Timestamp t, MovingShare moving) noexcept {
+    const double now_us = static_cast<double>(t), dt_us = std::max(1.0, now_us - t_us_);
+    t_us_ = now_us;
+    // Of the events beside the edges, those that are noise: as many as the polarities allow, where these show a motion.
+    const double by_polarities = (1 - moving.likely) * matched_ / matching_to_others_,
+                 noise = moving.least > 0 ? std::min<double>(others_, by_polarities) : others_;
+    const double matched_by_chance = matching_to_others_ * usual_others_.limited(others_, dt_us),
+                 matched_noise = matching_to_others_ * usual_noise_.limited(noise, dt_us);
+    usual_others_.add(others_, dt_us);
+    usual_noise_.add(noise, dt_us);
+    const Excess now{1.0 * matched_, matched_ - matched_noise, matched_noise * (1 + matching_to_others_)};
+    // Slow motion is not significant in so few events, but in the sum over all since the last fast motion.
+    lately_ = now.signal() < 0.5 ? lately_.faded_plus(now) : Excess();
+    matched_ = others_ = 0;
+    return {.signal_weight = std::max({now.signal(), lately_.signal(), std::min(1.0, 2 * moving.least)}),
+            .by_chance_per_s = 1e6 * (matched_by_chance / dt_us),
+            .noise_per_s = 1e6 * (matched_noise / dt_us)};
+  }
 
  private:
+  // A running mean of the rate of events.
+  class UsualRate {
+   public:
+    // Of so many events in dt_us, at most twice as many as usual: more of them beside the edges have another cause.
+    double limited(double events, double dt_us) const noexcept { return std::min(events, 2 * per_us_ * dt_us); }
+    void add(double events, double dt_us) noexcept {
+      per_us_ += dt_us / (dt_us + known_us_) * (events / dt_us - per_us_);
+      known_us_ = std::min(known_us_ + dt_us, kMemory_us);
+    }
+
+   private:
+    static constexpr double kMemory_us = 500000;
+    double per_us_ = 0;
+    double known_us_ = 0;  // for how long it has been measured, limited to kMemory_us
+  };
+
   // Matched events, their excess over the background expected on the edges, and the variance of that excess: of a
   // background of B events B itself, and r B as it is estimated by B / r others, r = matching_to_others_.
   struct Excess {
     double matched = 0, excess = 0, variance = 0;
+    // Weight of the events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.
     double signal() const noexcept {
       return matched > 0 ? std::clamp(2 * (excess - kSurely * std::sqrt(variance)) / matched, 0.0, 1.0) : 0;
     }
@@ -64,20 +86,16 @@ class BackgroundShare {
     }
   };
 
-  static constexpr int kTogether = 64;          // matched events for which `signal()` is computed anew
-  static constexpr double kKept = 15.0 / 16;    // of the sums, at each time
-  static constexpr double kMemory_us = 500000;  // of the usual rate
-  static constexpr double kLeast = 0.05;        // least share of the background that is taken to match no edge
-  static constexpr double kSurely = 2.5;        // standard deviations
+  static constexpr int kTogether = 64;        // matched events for which the background is measured anew
+  static constexpr double kKept = 15.0 / 16;  // of the sums, at each time
+  static constexpr double kLeast = 0.05;      // least share of the background that is taken to match no edge
+  static constexpr double kSurely = 2.5;      // standard deviations
 
   double matching_to_others_ = 0.5;  // of the background: events that match edges per event that does not
-  int matched_ = 0, others_ = 0;
+  int matched_ = 0, others_ = 0;     // events since the last `measure`
   bool begun_ = false;
-  double t_us_ = 0;             // when `signal()` was last computed
-  double others_per_us_ = 0;    // usual rate of the events beside the edges
-  double known_us_ = 0;         // for how long that rate has been measured, limited to kMemory_us
-  double matching_per_us_ = 0;  // background that matches edges, as of the last judgement
-  double signal_ = 1;
+  double t_us_ = 0;  // of the last `measure`
+  UsualRate usual_others_, usual_noise_;
   Excess lately_;  // fading sums since the last fast motion
 };
 

@@ -347,9 +347,7 @@ class EdgeFollower {
   [[gnu::noinline]] bool update(Timestamp t) noexcept {
     if (matches_.count > 0) add_matches();
     last_update_ = {matched_, offered_, std::sqrt(squared_px_ / matched_)};
-    if constexpr (NoiseAwareRule<Rule>)
-      if (may_rest_ && background_.add(matched_, offered_ - matched_, t))
-        rule_.set_signal_weight(background_.signal(), background_.matching_per_s());
+    if (may_rest_) measure_background(t);
     start_collecting();
     const bool updated = rule_.update(T_camera_marker_, t);
     skipped_updates_ += !updated;
@@ -359,6 +357,13 @@ class EdgeFollower {
                                                 : matcher_.move(T_camera_marker_, kChoiceHolds_px);
     if (matcher_.times_edges_chosen() != times_chosen) adapt_to_edge_length();
     return updated;
+  }
+
+  void measure_background(Timestamp t) noexcept {
+    if constexpr (NoiseAwareRule<Rule>) {
+      background_.add(matched_, offered_ - matched_, t);
+      if (background_.due()) rule_.set_background(background_.measure(t, rule_.moving_share()));
+    }
   }
 
   double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }

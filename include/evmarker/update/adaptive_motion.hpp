@@ -43,7 +43,7 @@ class AdaptiveMotion {
   }
 
   /// Adds the events of a step of length dt [s], before the step is predicted.
-  /// @param signal weight of the events, see KalmanUpdate::set_signal_weight
+  /// @param signal weight of the events, see MatchedBackground
   void add_events(int events, double dt, double signal, const KalmanState& state,
                   const MeasurementStatistics& statistics) noexcept {
     velocity_memory_.add(events, bound_.events_per_px(), dt, statistics.share());
@@ -59,7 +59,7 @@ class AdaptiveMotion {
   }
 
   /// Chooses how fast the velocity fades from now on, along each axis.
-  /// @param signal weight of the events, see KalmanUpdate::set_signal_weight
+  /// @param signal weight of the events, see MatchedBackground
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   void choose_fading(double signal, const KalmanState& state, double lever2) noexcept {
     constexpr double kFasterInNoise = 1.4;

@@ -77,9 +77,11 @@ class DecoupledUpdate {
         std::min(expected_trail_px(kFocusedEdge_px, events_per_passage), kMost_px) / (focal_length * focal_length);
   }
 
-  /// @param weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest
-  void set_signal_weight(double weight, double /*noise_per_s*/) noexcept {
-    signal_weight_ = settings_.hold_at_rest ? weight : 1;
+  /// None that it knows of: it estimates no motion that polarities could fit.
+  static constexpr MovingShare moving_share() noexcept { return {}; }
+  /// Of the background, only the weight of the events is used.
+  void set_background(const MatchedBackground& background) noexcept {
+    signal_weight_ = settings_.hold_at_rest ? background.signal_weight : 1;
   }
 
   /// Adds one event to the running averages.
@@ -194,7 +196,7 @@ class DecoupledUpdate {
   Settings settings_;
   double trail_over_f2_ = 0;  // trail / f^2 [1/px]
   double weight_ = 0;         // w0
-  double signal_weight_ = 1;  // see set_signal_weight
+  double signal_weight_ = 1;  // see MatchedBackground
   double renewed_ = 1;        // min(1, n w0), about the share of the averages that is new after n events
   // Zero at first, so that A = I. As the mean of only the first few events, on nearly one line of sight, A would be
   // almost singular along it, and the step in depth huge.

@@ -134,13 +134,11 @@ class KalmanUpdate {
     return good;
   }
 
-  /// @param weight of the matched events' information, as the events beside the edges show it: 1 if at least half of
-  /// those matched surely come from moving edges, 0 at rest. It is raised here if the polarities of the events matched
-  /// since the last call show more motion: a small, fast marker makes many events beside its edges itself.
-  /// @param noise_per_s noise events that match edges
-  void set_signal_weight(double weight, double noise_per_s) noexcept {
-    signal_weight_ = std::max(weight, std::min(1.0, 2 * polarities_.least_moving_share()));
-    noise_per_s_ = noise_per_s;
+  /// Share of the events since the last `set_background` that come from moving edges, by their polarities.
+  MovingShare moving_share() const noexcept { return polarities_.moving_share(); }
+  /// Sets the background: its events weigh less, and do not count where the events bound the motion.
+  void set_background(const MatchedBackground& background) noexcept {
+    background_ = background;
     polarities_.clear();
   }
 
@@ -190,7 +188,7 @@ class KalmanUpdate {
       t_us_ = std::max(t_us_, static_cast<double>(t));
       return;
     }
-    motion_.limit(state_, measurements_.count(), 1e-6 * us_since_update(t), noise_per_s_, statistics_);
+    motion_.limit(state_, measurements_.count(), 1e-6 * us_since_update(t), background_.noise_per_s, statistics_);
     move_to(T_camera_marker, t);
   }
 
@@ -279,14 +277,14 @@ class KalmanUpdate {
   static constexpr double squared(double x) noexcept { return x * x; }
 
   // All events are noise, whose residuals would tell of errors that the edges do not have.
-  bool at_rest() const noexcept { return signal_weight_ == 0; }
+  bool at_rest() const noexcept { return background_.signal_weight == 0; }
 
   [[gnu::always_inline]] void sample(const MeasurementRow& row, double weight, double polarity) noexcept {
     const Vec3 by_translation{row[0], row[1], row[2]}, by_rotation{row[3], row[4], row[5]};
     const double along_normal_px_per_s = dot(by_translation, state_.twist.t) + dot(by_rotation, state_.twist.r);
     if (!at_rest()) errors_.add_sample(row, weight);
     motion_.add_sample({row[0], row[1], row[2], row[3], row[4], row[5]}, along_normal_px_per_s);
-    if (signal_weight_ != 1) return;  // not surely events of moving edges: noise lies anywhere
+    if (background_.signal_weight != 1) return;  // not surely events of moving edges: noise lies anywhere
     // Whether the polarity is the one that the motion makes. The row's trail has the sign of -s p, see
     // MeasurementModel; where it is 0, the dark side or the polarity is not known, and the event is taken to fit.
     const bool fits_motion = -row[6 + kTrail] * model_.time_direction * along_normal_px_per_s >= 0;
@@ -302,8 +300,8 @@ class KalmanUpdate {
       const MotionBound& bound = motion_.bound();
       errors_.add_motion(bound.is_set() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
     }
-    motion_.add_events(count, dt, signal_weight_, state_, statistics_);
-    motion_.limit(state_, count, dt, noise_per_s_, statistics_);
+    motion_.add_events(count, dt, background_.signal_weight, state_, statistics_);
+    motion_.limit(state_, count, dt, background_.noise_per_s, statistics_);
   }
 
   // Predicts the state from its own time, which is not the pose's, see KalmanState::Lead, to `after_pose_s` after the
@@ -325,13 +323,14 @@ class KalmanUpdate {
     forget_events();
     const double dt = 1e-6 * us_since_update(t);
     t_us_ = static_cast<double>(t);
-    motion_.choose_fading(signal_weight_, state_, statistics_.lever2());
+    motion_.choose_fading(background_.signal_weight, state_, statistics_.lever2());
     perturb(T_camera_marker, predict_state(dt));
   }
 
   double information_per_event() const noexcept {
     constexpr double kPixelVariance = SystematicErrors::kPixelVariance;
-    return signal_weight_ / (squared(settings_.inflation) * std::max(statistics_.spread_px2(), kPixelVariance));
+    return background_.signal_weight /
+           (squared(settings_.inflation) * std::max(statistics_.spread_px2(), kPixelVariance));
   }
 
   void forget_events() noexcept {
@@ -354,7 +353,7 @@ class KalmanUpdate {
 
   void measure_errors() noexcept {
     const MotionBound& bound = motion_.bound();
-    errors_.measure(statistics_.spread_px2(), px_per_s(), signal_weight_ == 1,
+    errors_.measure(statistics_.spread_px2(), px_per_s(), background_.signal_weight == 1,
                     bound.is_set() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
   }
 
@@ -362,7 +361,7 @@ class KalmanUpdate {
   void update_motion_of_model() noexcept {
     model_.twist = state_.twist;
     model_.response_s = errors_.response_s();
-    model_.noise_px_per_s = motion_.bound().px(noise_per_s_);  // events a second make pixels a second
+    model_.noise_px_per_s = motion_.bound().px(background_.by_chance_per_s);  // events a second make pixels a second
     // Of the speed along one normal: a third of the variances, which are summed over three axes. At least the speed at
     // which an edge makes as many events as the noise: slower motion is not told from rest.
     const double variance = statistics_.gradient2() * state_.speed_variance(statistics_.lever2()) / 3;
@@ -412,13 +411,13 @@ class KalmanUpdate {
   MeasurementModel model_;
   SystematicErrors errors_;
   MeasurementStatistics statistics_;
-  PolarityAgreement polarities_;  // since the last set_signal_weight
+  PolarityAgreement polarities_;  // since the last set_background
   // Time of the pose [us], exact to 2^53. Infinite before the first update, so that us_since_update() is 0.
   double t_us_ = kInfinity;
-  double signal_weight_ = 1, noise_per_s_ = 0;  // see set_signal_weight
-  unsigned single_events_ = 0;                  // added one by one
-  unsigned steps_ = 0;                          // of the pose
-  Vec6 to_other_pose_;                          // see set_other_pose
+  MatchedBackground background_;
+  unsigned single_events_ = 0;  // added one by one
+  unsigned steps_ = 0;          // of the pose
+  Vec6 to_other_pose_;          // see set_other_pose
 };
 
 static_assert(BatchUpdateRule<KalmanUpdate> && NoiseAwareRule<KalmanUpdate> && MotionBoundingRule<KalmanUpdate> &&

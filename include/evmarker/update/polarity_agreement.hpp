@@ -1,5 +1,5 @@
 #pragma once
-// Which share of the events surely comes from moving edges, as their polarities fit the estimated motion.
+// Which share of the events comes from moving edges, as their polarities fit the estimated motion.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -7,6 +7,12 @@
 #include "evmarker/simd/lanes.hpp"
 
 namespace evmarker {
+
+/// Share of the matched events that come from moving edges.
+struct MovingShare {
+  double likely = 0;  ///< as it was measured
+  double least = 0;   ///< it surely is at least this much
+};
 
 /// Measures which share of the events come from moving edges, by their polarity: an edge makes ON events while it moves
 /// toward the dark and OFF events while it moves away from it, but noise does not know of the motion, and a lamp that
@@ -29,12 +35,13 @@ class PolarityAgreement {
   /// Forgets all events.
   void clear() noexcept { counts_ = {}; }
 
-  /// Share of the events since `clear` that surely come from moving edges.
-  double least_moving_share() const noexcept {
+  /// Share of the events since `clear` that come from moving edges.
+  MovingShare moving_share() const noexcept {
     const double all = simd::sum(counts_.all), on = simd::sum(counts_.on);
     const double all_toward = simd::sum(counts_.all_toward), on_toward = simd::sum(counts_.on_toward);
     const Share toward(on_toward, all_toward), from(on - on_toward, all - all_toward);
-    return std::clamp(toward.mean - from.mean - kSurely * std::sqrt(toward.variance + from.variance), 0.0, 1.0);
+    const double share = toward.mean - from.mean, deviation = std::sqrt(toward.variance + from.variance);
+    return {std::clamp(share, 0.0, 1.0), std::clamp(share - kSurely * deviation, 0.0, 1.0)};
   }
 
  private:

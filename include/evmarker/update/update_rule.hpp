@@ -7,6 +7,7 @@
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose_estimate.hpp"
+#include "evmarker/update/polarity_agreement.hpp"
 
 namespace evmarker {
 
@@ -39,13 +40,23 @@ concept BatchUpdateRule = PoseUpdateRule<R> &&
   { rule.add(correspondences, T_camera_marker) } noexcept;
 };
 
+/// Which of the matched events do not come from the edges that they match.
+struct MatchedBackground {
+  /// Weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
+  double signal_weight = 1;
+  /// Events that match an edge by chance, whatever made them: noise, things around the marker, its other edges [1/s].
+  double by_chance_per_s = 0;
+  /// Those of them that do not tell of the marker's motion: they also come while it is at rest [1/s].
+  double noise_per_s = 0;
+};
+
 /// A rule that can allow for background among the matched events; while the marker is at rest, all of them are
 /// background.
 template <typename R>
-concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule) {
-  /// Sets the weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
-  /// `noise_per_s`: background events that match edges [1/s].
-  { rule.set_signal_weight(1.0, 0.0) } noexcept;
+concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule, const R& constant, const MatchedBackground& background) {
+  /// Share of the events since the last `set_background` that come from moving edges, as far as the rule can tell.
+  { constant.moving_share() } noexcept -> std::same_as<MovingShare>;
+  { rule.set_background(background) } noexcept;
 };
 
 /// A rule that estimates the motion and the covariance, too.
