@@ -968,7 +968,7 @@ TEST_CASE("the rule tells which share of the events is of moving edges: those wh
     return rule.moving_share();
   };
   CHECK(moving_share(true, false).least > 0.7);
-  CHECK(moving_share(true, false).likely > 0.9);
+  CHECK(moving_share(true, false).likely > 0.8);
   CHECK(moving_share(false, false).least < 0.05);
   CHECK(moving_share(true, true).least == 0);
 }
