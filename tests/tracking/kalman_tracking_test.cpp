@@ -153,9 +153,11 @@ TEST_CASE("a small marker that comes and goes amid clutter is followed, although
                                                     .frequency_hz = 2.5,
                                                     .seed = seed});
     const Background clutter{.mean = 0.11, .contrast = 0.8, .texture_size_px = 9.7, .velocity_px_per_s = {70, 70}};
-    const auto events = simulated::record(
-        camera, {.markers = {{.length = kLength, .bits = bits, .T_camera_marker = motion}}, .background = clutter},
-        {.duration_s = 0.5, .seed = seed, .noise_hz_per_px = 1});
+    const auto events = simulated::record(camera,
+                                          {.markers = {{.length = kLength, .bits = bits, .T_camera_marker = motion}},
+                                           .occluders = {},
+                                           .background = clutter},
+                                          {.duration_s = 0.5, .seed = seed, .noise_hz_per_px = 1});
     MarkerTracker<KalmanUpdate> tracked(camera, make_code_marker(kLength, bits), motion(0),
                                         {.start_search = std::nullopt});
     AccuracyMeter meter;
