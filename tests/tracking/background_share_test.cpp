@@ -133,6 +133,7 @@ TEST_CASE("what a small marker makes beside its edges is no noise, as its polari
     const double of_edges_hz = 200000, beside_hz = 120000, fitting = of_edges_hz / (of_edges_hz + noise_hz);
     around.by_polarities = {.likely = 0.98 * fitting, .least = 0.85 * fitting};
     around.pass(0.2, of_edges_hz + noise_hz, beside_hz + noise_hz);
+    REQUIRE(around.judged > 100);
     CHECK(around.moving == around.judged);
     CHECK(around.last.by_chance_per_s > 0.4 * beside_hz);
     CHECK(around.last.noise_per_s >= noise_hz);

@@ -88,7 +88,7 @@ TEST_CASE(
     "amid noise, an event counts less the slower its edge moves, and nearly nothing if it contradicts the motion") {
   const auto weight = [](double px_per_s, double polarity, double direction) {
     MeasurementModel noisy = model();
-    noisy.noise_px_per_s = 10;
+    noisy.by_chance_px_per_s = 10;
     noisy.speed_deviation_px_per_s = 10;
     noisy.twist = {{px_per_s, 0, 0}, {}};
     noisy.time_direction = direction;

@@ -5,16 +5,16 @@
 #include <utility>
 
 #include "evmarker/events/event.hpp"
-#include "evmarker/update/update_rule.hpp"
+#include "evmarker/update/matched_background.hpp"
 
 namespace evmarker {
 
 /// Estimates how surely the events that match a wireframe's edges come from moving edges, not background. At rest all
 /// events near the wireframe are background: they lie on its edges by chance, and beside them just as densely. While it
-/// moves, few events lie beside the edges of a large marker. Beside those of a small one lie many that it made itself:
-/// they match the other edges by chance, but are no noise. What noise there is has any polarity, and by that the
-/// polarities tell how much of it there can be. Many events lie beside the edges for a moment, too, when the marker
-/// moves faster than the pose follows.
+/// moves, few events lie beside the edges of a large marker. Beside those of a small one lie many that it made itself,
+/// of which as many match its other edges by chance; they are no noise. The more polarities fit the motion, the less
+/// noise there can be. For a moment, many events also lie beside the edges when the marker moves faster than the pose
+/// follows.
 class BackgroundShare {
  public:
   /// Sets how background is distributed.
@@ -40,7 +40,7 @@ class BackgroundShare {
   MatchedBackground measure(Timestamp t, MovingShare moving) noexcept {
     const double now_us = static_cast<double>(t), dt_us = std::max(1.0, now_us - t_us_);
     t_us_ = now_us;
-    // Of the events beside the edges, those that are noise: as many as the polarities allow, where these show a motion.
+    // Of the events beside the edges, those that are noise: where polarities show a motion, as many as these allow.
     const double by_polarities = (1 - moving.likely) * matched_ / matching_to_others_,
                  noise = moving.least > 0 ? std::min<double>(others_, by_polarities) : others_;
     const double matched_by_chance = matching_to_others_ * usual_others_.limited(others_, dt_us),

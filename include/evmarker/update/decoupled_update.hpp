@@ -7,6 +7,7 @@
 #include "evmarker/base/require.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/simd/wide_vectors.hpp"
+#include "evmarker/update/matched_background.hpp"
 #include "evmarker/update/update_rule.hpp"
 
 namespace evmarker {

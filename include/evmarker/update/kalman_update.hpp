@@ -13,6 +13,7 @@
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
 #include "evmarker/update/kalman_state.hpp"
+#include "evmarker/update/matched_background.hpp"
 #include "evmarker/update/measurement_model.hpp"
 #include "evmarker/update/measurement_statistics.hpp"
 #include "evmarker/update/model_misfit.hpp"
@@ -361,12 +362,13 @@ class KalmanUpdate {
   void update_motion_of_model() noexcept {
     model_.twist = state_.twist;
     model_.response_s = errors_.response_s();
-    model_.noise_px_per_s = motion_.bound().px(background_.by_chance_per_s);  // events a second make pixels a second
+    model_.by_chance_px_per_s =
+        motion_.bound().px(background_.by_chance_per_s);  // events a second make pixels a second
     // Of the speed along one normal: a third of the variances, which are summed over three axes. At least the speed at
-    // which an edge makes as many events as the noise: slower motion is not told from rest.
+    // which an edge makes as many events as match it by chance: slower motion is not told from rest.
     const double variance = statistics_.gradient2() * state_.speed_variance(statistics_.lever2()) / 3;
     model_.speed_deviation_px_per_s =
-        std::max({kLeastDeviation, model_.noise_px_per_s, std::min(std::sqrt(variance), kMostDeviation)});
+        std::max({kLeastDeviation, model_.by_chance_px_per_s, std::min(std::sqrt(variance), kMostDeviation)});
   }
 
   // Rounding takes a rotation off SO(3), and the covariance off symmetry, by 1e-16 a step: to mend that at every step

@@ -45,8 +45,8 @@ struct MeasurementModel {
   Vec6 twist{};                        ///< of the marker [m/s, rad/s]
   /// Standard deviation of an edge's speed along its normal, by what is not known of `twist`; positive [px/s].
   double speed_deviation_px_per_s = 1e-3;
-  double noise_px_per_s = 0;  ///< speed of an edge that makes as many events as there is noise on it
-  double time_direction = 1;  ///< -1 while events come in reverse
+  double by_chance_px_per_s = 0;  ///< speed of an edge that makes as many events as match it by chance
+  double time_direction = 1;      ///< -1 while events come in reverse
 
   /// Signed distance of an event from where its edge makes events [px].
   /// @param distance_px Eq. (1), positive along the normal
@@ -106,8 +106,8 @@ struct MeasurementModel {
     return 0.5e-3 * p * px_per_s;
   }
 
-  // Probability that an event comes from its edge, and is not noise. An edge makes ON events while it moves toward the
-  // dark, and OFF events while it moves away from it, in number proportional to its speed.
+  // Probability that an event comes from its edge, and does not match it by chance. An edge makes ON events while it
+  // moves toward the dark, and OFF events while it moves away from it, in number proportional to its speed.
   [[gnu::always_inline]] double signal_share(double toward_dark_px_per_s, double sp) const noexcept {
     const double absolute = std::abs(toward_dark_px_per_s);
     // Speed in the direction that makes events of this polarity, negative if the edge moves the other way; in either
@@ -118,7 +118,7 @@ struct MeasurementModel {
     // multiplied by b: one division is enough.
     const double b = 4 * absolute + 2 * speed_deviation_px_per_s;
     const double speed_b = 0.5 * (x + absolute) * b + speed_deviation_px_per_s * speed_deviation_px_per_s;
-    return speed_b / (speed_b + noise_px_per_s * b);
+    return speed_b / (speed_b + by_chance_px_per_s * b);
   }
 
   // Within three times the spread of the events a blurred corner is round. A weight of 0 there would leave the trail

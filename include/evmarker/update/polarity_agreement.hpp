@@ -5,14 +5,9 @@
 #include <cstddef>
 
 #include "evmarker/simd/lanes.hpp"
+#include "evmarker/update/matched_background.hpp"
 
 namespace evmarker {
-
-/// Share of the matched events that come from moving edges.
-struct MovingShare {
-  double likely = 0;  ///< as it was measured
-  double least = 0;   ///< it surely is at least this much
-};
 
 /// Measures which share of the events come from moving edges, by their polarity: an edge makes ON events while it moves
 /// toward the dark and OFF events while it moves away from it, but noise does not know of the motion, and a lamp that

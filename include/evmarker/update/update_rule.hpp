@@ -7,7 +7,7 @@
 #include "evmarker/matching/correspondence.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose_estimate.hpp"
-#include "evmarker/update/polarity_agreement.hpp"
+#include "evmarker/update/matched_background.hpp"
 
 namespace evmarker {
 
@@ -38,16 +38,6 @@ template <typename R>
 concept BatchUpdateRule = PoseUpdateRule<R> &&
     requires(R& rule, const Correspondences& correspondences, Eigen::Isometry3d& T_camera_marker) {
   { rule.add(correspondences, T_camera_marker) } noexcept;
-};
-
-/// Which of the matched events do not come from the edges that they match.
-struct MatchedBackground {
-  /// Weight of the events: 1 if at least half of them are surely of moving edges, 0 at rest.
-  double signal_weight = 1;
-  /// Events that match an edge by chance, whatever made them: noise, things around the marker, its other edges [1/s].
-  double by_chance_per_s = 0;
-  /// Those of them that do not tell of the marker's motion: they also come while it is at rest [1/s].
-  double noise_per_s = 0;
 };
 
 /// A rule that can allow for background among the matched events; while the marker is at rest, all of them are
