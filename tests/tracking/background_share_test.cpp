@@ -149,3 +149,19 @@ TEST_CASE("what a small marker makes beside its edges is no noise, as its polari
     CHECK(around.still > 0.8 * around.judged);
   }
 }
+
+TEST_CASE("where there were few events a moment ago, many that lie anywhere are no noise: the pose does not follow") {
+  // Narrow cells: six tenths of what lies anywhere matches an edge.
+  Around around;
+  around.share.expect_matching(0.6);
+  around.pass(0.3, 200000, 40000);
+  around.pass(0.01, 20000, 4000);  // it turns back
+  around.pass(0.05, 60000, 40000);
+  REQUIRE(around.judged > 20);
+  CHECK(around.still == 0);
+  CHECK(around.last.noise_per_s < 40000);
+  // Later, it is noise, as there is no end to it.
+  around.pass(5, 60000, 40000);
+  around.pass(1, 60000, 40000);
+  CHECK(around.still > 0.97 * around.judged);
+}

@@ -2,6 +2,7 @@
 // Estimates which of the events that match edges are background, from the events beside the edges and from polarities.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "evmarker/events/event.hpp"
@@ -13,8 +14,8 @@ namespace evmarker {
 /// events near the wireframe are background: they lie on its edges by chance, and beside them just as densely. While it
 /// moves, few events lie beside the edges of a large marker. Beside those of a small one lie many that it made itself,
 /// of which as many match its other edges by chance; they are no noise. The more polarities fit the motion, the less
-/// noise there can be. For a moment, many events also lie beside the edges when the marker moves faster than the pose
-/// follows.
+/// noise there can be, and there is no more of it than there were events in all a moment ago. For a moment, many events
+/// also lie beside the edges when the marker moves faster than the pose follows.
 class BackgroundShare {
  public:
   /// Sets how background is distributed.
@@ -40,9 +41,11 @@ class BackgroundShare {
   MatchedBackground measure(Timestamp t, MovingShare moving) noexcept {
     const double now_us = static_cast<double>(t), dt_us = std::max(1.0, now_us - t_us_);
     t_us_ = now_us;
-    // Of the events beside the edges, those that are noise: where polarities show a motion, as many as these allow.
+    // Of the events beside the edges, those that are noise: at most as many as there were when there were the fewest,
+    // and where polarities show a motion, as many as these allow.
     const double by_polarities = (1 - moving.likely) * matched_ / matching_to_others_,
-                 noise = moving.least > 0 ? std::min<double>(others_, by_polarities) : others_;
+                 by_fewest = least_rate_.most_noise(matched_, dt_us) / matching_to_others_,
+                 noise = std::min({1.0 * others_, by_fewest, moving.least > 0 ? by_polarities : by_fewest});
     const double matched_by_chance = matching_to_others_ * usual_others_.limited(others_, dt_us),
                  matched_noise = matching_to_others_ * usual_noise_.limited(noise, dt_us);
     usual_others_.add(others_, dt_us);
@@ -73,6 +76,23 @@ class BackgroundShare {
     double known_us_ = 0;  // for how long it has been measured, limited to kMemory_us
   };
 
+  // The least rate of events lately. Noise comes all the time, so that its rate is no more: where there suddenly are
+  // many events, beside the edges as well as on them, the marker moves and the pose does not follow.
+  class LeastRate {
+   public:
+    // The most of the `events` in dt_us that can be noise.
+    double most_noise(double events, double dt_us) noexcept {
+      const double most_per_us = (events + kSurelyOfMany * std::sqrt(events)) / dt_us;
+      per_us_ = std::min(per_us_ * (1 + dt_us / kMemory_us), most_per_us);
+      return per_us_ * dt_us;
+    }
+
+   private:
+    static constexpr double kMemory_us = 2000000;  // in this time, noise may double
+    static constexpr double kSurelyOfMany = 5;     // standard deviations: it is the least of hundreds of numbers
+    double per_us_ = std::numeric_limits<double>::infinity();
+  };
+
   // Matched events, their excess over the background expected on the edges, and the variance of that excess: of a
   // background of B events B itself, and r B as it is estimated by B / r others, r = matching_to_others_.
   struct Excess {
@@ -96,6 +116,7 @@ class BackgroundShare {
   bool begun_ = false;
   double t_us_ = 0;  // of the last `measure`
   UsualRate usual_others_, usual_noise_;
+  LeastRate least_rate_;
   Excess lately_;  // fading sums since the last fast motion
 };
 
