@@ -43,12 +43,19 @@ TEST_CASE("a comparison says nothing by few events, and decides by many for the 
 }
 
 TEST_CASE("no number of events decides between poses whose edges are off by nearly as much") {
-  // 20 / 2 ln(0.27^2 / 0.25^2) is that of z = 1.75; 20 / 2 ln(0.3^2 / 0.25^2) that of z = 2.7.
+  // 20 / 2 ln(0.27^2 / 0.25^2) is that of z = 1.75.
   CHECK(!compared(2000000, 0.25, 0.27).decided());
   const double z = std::sqrt(2 * kEdges * std::log(0.27 / 0.25));
   CHECK(compared(2000000, 0.25, 0.27).probability_of_second() ==
         doctest::Approx(std::erfc(z / std::numbers::sqrt2) / 2).epsilon(0.1).scale(0));
-  CHECK(compared(2000000, 0.25, 0.3).decided());
+}
+
+TEST_CASE("the later the edges decide, the more they must differ: the errors of edges change with the motion") {
+  // 20 / 2 ln(0.3^2 / 0.25^2) is that of z = 2.7, enough at first; z = 3.1 is enough after two million events, too.
+  CHECK(compared(20000, 0.25, 0.3).decided());
+  CHECK(!compared(2000000, 0.25, 0.3).decided());
+  CHECK(compared(2000000, 0.25, 0.32).decided());
+  CHECK(!compared(2000000, 0.25, 0.32).second_is_nearer());
 }
 
 TEST_CASE("no difference of the edges decides while it may be chance of their events") {

@@ -24,7 +24,9 @@ struct EdgeResidual {
 ///
 /// By edges, as no number of events averages out what a whole edge is off by. At the right pose, the mean residuals of
 /// k edges are only these errors, of a variance that is not known. With S1 and S2 the mean squares at the two poses,
-/// the logarithm of the likelihood ratio is k / 2 ln(S2 / S1): that of z^2 / 2 at z standard deviations.
+/// the logarithm of the likelihood ratio is k / 2 ln(S2 / S1): that of z^2 / 2 at z standard deviations. Once events
+/// are averaged out, it goes up and down only as the errors change with the motion: with every doubling of the events,
+/// which makes nearly new means, chance has another opportunity, so that more evidence is asked for.
 class PoseComparison {
  public:
   /// Adds one event, by its residuals at the first and at the second pose. An event at equal distances does not count.
@@ -47,8 +49,8 @@ class PoseComparison {
   /// True once events and edges both are beyond chance, and agree.
   bool decided() const noexcept {
     if (std::abs(z_by_events()) < kBeyondChance) return false;
-    const double by_edges = z_by_edges();
-    return std::abs(by_edges) > kBeyondChanceOfEdges && (by_edges < 0) == second_is_nearer();
+    const double by_edges = z_by_edges(), opportunities = 1 + std::max(0.0, std::log2(events_ / kAveragedOut));
+    return by_edges * by_edges / 2 > kLogRatioOfEdges + std::log(opportunities) && (by_edges < 0) == second_is_nearer();
   }
   /// Probability that the second pose is the right one; 1/2 while there are too few events, or events and edges
   /// disagree.
@@ -60,7 +62,9 @@ class PoseComparison {
   }
 
  private:
-  static constexpr double kBeyondChance = 4, kBeyondChanceOfEdges = 2;  // standard deviations
+  static constexpr double kBeyondChance = 4;     // standard deviations
+  static constexpr double kLogRatioOfEdges = 2;  // two standard deviations, at the first opportunity
+  static constexpr double kAveragedOut = 16384;  // events: some hundred passages of every edge
   static constexpr int kTogether = 64, kFewest = 16 * kTogether;
   static constexpr double kSmallest = 1e-12;
 
