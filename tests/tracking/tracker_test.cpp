@@ -444,28 +444,44 @@ TEST_CASE("a marker that moves by its size while the detector works is confirmed
 TEST_CASE("a marker that is detected elsewhere again and again is dropped, also where there are as many as may be") {
   const Trajectory motion = simulated::near_motion(64);
   const auto events = simulated::near_events(motion, 0.4, 64);
-  TrackerCore<> core(simulated::camera, {.detections_to_confirm = 1, .max_markers = 1},
-                     SpatiotemporalFilter(simulated::camera.sensor_size()));
-  std::vector<LossReason> losses;
-  const auto use = [&](const PoseEstimate& pose) {
-    if (pose.quality.state == TrackingState::lost) losses.push_back(pose.quality.loss_reason);
+  // How many detections elsewhere it takes if the first is `wait` after the marker's own; its state before them.
+  struct Dropped {
+    int detections = 0;
+    TrackingState before = TrackingState::lost;
   };
-  std::size_t next = 0;
-  const auto detect = [&](Timestamp t, const std::vector<std::pair<MarkerId, Eigen::Isometry3d>>& places) {
-    push_until(core, events, next, t, use);
-    const DetectionRequest request = core.request_detection(t);
-    DetectionResult result{.events_in_frame = request.events_in_frame};
-    for (const auto& [id, T] : places)
-      result.add({{.id = id, .t = t, .T_camera_marker = T}, TrueDetector{motion}.model(id)}, request.focal_length);
-    result.detected = result.markers.size();
-    core.register_markers(result, use);
+  const auto dropped_after = [&](Timestamp wait, Timestamp interval) {
+    TrackerCore<> core(simulated::camera, {.detections_to_confirm = 1, .max_markers = 1},
+                       SpatiotemporalFilter(simulated::camera.sensor_size()));
+    std::vector<LossReason> losses;
+    const auto use = [&](const PoseEstimate& pose) {
+      if (pose.quality.state == TrackingState::lost) losses.push_back(pose.quality.loss_reason);
+    };
+    std::size_t next = 0;
+    const auto detect = [&](Timestamp t, const std::vector<std::pair<MarkerId, Eigen::Isometry3d>>& places) {
+      push_until(core, events, next, t, use);
+      const DetectionRequest request = core.request_detection(t);
+      DetectionResult result{.events_in_frame = request.events_in_frame};
+      for (const auto& [id, T] : places)
+        result.add({{.id = id, .t = t, .T_camera_marker = T}, TrueDetector{motion}.model(id)}, request.focal_length);
+      result.detected = result.markers.size();
+      core.register_markers(result, use);
+    };
+    detect(20'000, {{0, motion(0.02)}});
+    push_until(core, events, next, 20'000 + wait, use);
+    REQUIRE(core.statistics().registered == 1);
+    Dropped dropped{.before = core.markers().begin()->state()};
+    const Eigen::Isometry3d corner = facing_pose({0.25, 0.2, 0.7});
+    for (Timestamp t = 20'000 + wait; t < 300'000 && losses.empty(); t += interval, ++dropped.detections)
+      detect(t, {{5, corner}, {0, corner}});
+    CHECK(losses == std::vector{LossReason::replaced});
+    return dropped;
   };
-  detect(20'000, {{0, motion(0.02)}});
-  detect(60'000, {{0, motion(0.06)}});
-  REQUIRE(core.statistics().registered == 1);
-  const Eigen::Isometry3d corner = facing_pose({0.25, 0.2, 0.7});
-  for (Timestamp t = 80'000; t < 300'000 && losses.empty(); t += 20'000) detect(t, {{5, corner}, {0, corner}});
-  CHECK(losses == std::vector{LossReason::replaced});
+  const Dropped tracking = dropped_after(60'000, 20'000), converging = dropped_after(400, 200);
+  CHECK(tracking.before == TrackingState::tracking);
+  CHECK(tracking.detections == 5);
+  // While it is not surely followed, fewer are enough.
+  CHECK(converging.before == TrackingState::converging);
+  CHECK(converging.detections == 2);
 }
 
 TEST_CASE("a detector that throws leaves no result behind, and tracking goes on") {
