@@ -74,10 +74,10 @@ class PlanarHypotheses {
   bool lost() const noexcept { return tracker_.state() == TrackingState::lost; }
 
   /// Counts a detection of its id, at its place or elsewhere. True after so many elsewhere in a row that the tracker
-  /// must be following something else; two are enough while its own evidence speaks against the pose.
+  /// must be following something else; fewer are enough while its state is not `tracking`.
   bool count_detection(bool elsewhere) noexcept {
     detected_elsewhere_ = elsewhere ? detected_elsewhere_ + 1 : 0;
-    return detected_elsewhere_ >= (tracker_.state() == TrackingState::tracking ? kOftenElsewhere : kTwice);
+    return detected_elsewhere_ >= (tracker_.state() == TrackingState::tracking ? kOftenElsewhere : kOftenInDoubt);
   }
   /// Frees the memory of the pose that was dropped, which `push` leaves.
   void free_memory() noexcept {
@@ -86,7 +86,7 @@ class PlanarHypotheses {
 
  private:
   // Its code may be read falsely elsewhere, and in the next frame again, but hardly so often in a row.
-  static constexpr int kOftenElsewhere = 5, kTwice = 2;
+  static constexpr int kOftenElsewhere = 5, kOftenInDoubt = 2;
   // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
   static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
   static constexpr double kAlike_rad = 0.1;  // then it does not matter which
