@@ -138,6 +138,8 @@ TEST_CASE("what a small marker makes beside its edges is no noise, as its polari
     CHECK(around.last.by_chance_per_s > 0.4 * beside_hz);
     CHECK(around.last.noise_per_s >= noise_hz);
     CHECK(around.last.noise_per_s < noise_hz + 0.05 * of_edges_hz);
+    const double matched_hz = of_edges_hz + noise_hz;
+    CHECK(around.last.noise_share == doctest::Approx(around.last.noise_per_s / matched_hz).epsilon(0.05));
     // It turns back: for a moment it is slow, and its motion is not known. Its events are still no noise.
     around.by_polarities = {};
     around.pass(0.01, of_edges_hz / 4 + noise_hz, beside_hz / 4 + noise_hz);
@@ -147,6 +149,7 @@ TEST_CASE("what a small marker makes beside its edges is no noise, as its polari
     if (noise_hz == 0) continue;
     around.pass(2, noise_hz, noise_hz);
     CHECK(around.still > 0.8 * around.judged);
+    CHECK(around.last.noise_share > 0.4);
   }
 }
 

@@ -56,7 +56,8 @@ class BackgroundShare {
     matched_ = others_ = 0;
     return {.signal_weight = std::max({now.signal(), lately_.signal(), std::min(1.0, 2 * moving.least)}),
             .by_chance_per_s = 1e6 * (matched_by_chance / dt_us),
-            .noise_per_s = 1e6 * (matched_noise / dt_us)};
+            .noise_per_s = 1e6 * (matched_noise / dt_us),
+            .noise_share = std::min(1.0, matched_noise / now.matched)};
   }
 
  private:

@@ -141,6 +141,7 @@ class KalmanUpdate {
   void set_background(const MatchedBackground& background) noexcept {
     background_ = background;
     polarities_.clear();
+    if (!at_rest()) errors_.add_noise_share(background.noise_share);
   }
 
   /// Switches on the bound of the motion by the number of events.

@@ -11,6 +11,7 @@
 #include "evmarker/update/kalman_settings.hpp"
 #include "evmarker/update/model_misfit.hpp"
 #include "evmarker/update/response_time.hpp"
+#include "evmarker/update/unexplained_spread.hpp"
 
 namespace evmarker {
 
@@ -36,6 +37,9 @@ class SystematicErrors {
   [[gnu::always_inline]] void add_moving_sample(double residual_px, double px_per_s, double polarity) noexcept {
     response_time_.add(residual_px, px_per_s, polarity);
   }
+
+  /// Adds the share of the last events that is noise.
+  void add_noise_share(double share) noexcept { noise_share_ += kNoiseMemory * (share - noise_share_); }
 
   /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
   /// @param spread_px2 mean squared residual
@@ -64,7 +68,10 @@ class SystematicErrors {
   /// @param trail_px as the filter has it
   [[gnu::noinline]] void measure(double spread_px2, double px_per_s, bool moving, double events_per_passage,
                                  double trail_px) noexcept {
-    if (moving) misfit_.measure_spread(spread_px2, max_distance_px_, smear_px(px_per_s));
+    // Noise is in the spread, too. Where it may be much of it, the spread tells only whether the edges are lost.
+    const double of_edges_px2 = moving ? spread_px2 : without_noise_px2(spread_px2);
+    if (moving || UnexplainedSpread::fills(of_edges_px2, max_distance_px_))
+      misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s));
     if (events_per_passage > 0) {
       const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
       // The trail by the width is half a contrast step, and a whole one is possible. What is not known of a delay looks
@@ -115,12 +122,20 @@ class SystematicErrors {
   static constexpr double kPixelVariance = 1.0 / 12;  ///< of a coordinate that is rounded to whole pixels [px^2]
 
  private:
+  static constexpr double kMostNoise = 0.5;         // share of the events
+  static constexpr double kNoiseMemory = 1.0 / 16;  // as long as that of the spread: shares are of some 64 events
   static constexpr double squared(double x) noexcept { return x * x; }
 
   [[gnu::noinline]] void evaluate() noexcept {
     edges_.evaluate();
     response_time_.evaluate(max_distance_px_);
     moved_px_ = 0;
+  }
+
+  // Noise lies evenly over the matching distance. Where it may be most of the events, they tell nothing of the edges.
+  double without_noise_px2(double spread_px2) const noexcept {
+    if (noise_share_ > kMostNoise) return 0;
+    return (spread_px2 - noise_share_ * squared(max_distance_px_) / 3) / (1 - noise_share_);
   }
 
   // Events lie evenly over the edge's width w, variance w^2 / 12, and each is known to a pixel only; slow pixels smear
@@ -137,6 +152,7 @@ class SystematicErrors {
   double max_distance_px_ = 2;  // of matched events
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
   bool have_moved_ = false;     // by their width
+  double noise_share_ = 0;      // of the events, lately
   double edge_factor_ = 1;
   double most_trail_px_ = std::numeric_limits<double>::infinity();
 };

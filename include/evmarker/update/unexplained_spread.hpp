@@ -20,9 +20,14 @@ class UnexplainedSpread {
     px2_ = std::max(0.0, of_all - kSharp_px2 - smear_px * smear_px);
   }
 
+  /// True if events with such a spread lie nearly evenly over the matching distance: the edges could be anywhere in it.
+  static bool fills(double spread_px2, double max_distance_px) noexcept {
+    return spread_px2 > kEven * (max_distance_px * max_distance_px);
+  }
+
   /// The variance [px^2]; 0 as long as nothing has been measured.
   double px2() const noexcept { return px2_; }
-  /// True if events lie nearly evenly over the matching distance: then the edges could be anywhere in it.
+  /// See `fills`.
   bool fills_distance() const noexcept { return filled_ > kEven; }
 
  private:
