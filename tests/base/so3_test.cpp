@@ -176,3 +176,27 @@ TEST_CASE("many turns in place are one, and stay a rotation") {
   CHECK((T.linear().transpose() * T.linear() - Matrix3d::Identity()).norm() < 1e-14);
   CHECK(T.translation() == Vector3d(1, 2, 3));
 }
+
+TEST_CASE("products and inverses of matrices and rigid motions are Eigen's") {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  const auto vector = [&] { return Vector3d(normal(random), normal(random), normal(random)); };
+  const auto motion = [&] {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = so3_exp(vector());
+    T.translation() = vector();
+    return T;
+  };
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Isometry3d A = motion(), B = motion();
+    CHECK(evmarker::product(A, B).isApprox(A * B, 1e-14));
+    CHECK(evmarker::inverse(A).isApprox(A.inverse(), 1e-14));
+    const Matrix3d a = A.linear(), b = B.linear();
+    CHECK(evmarker::product(a, b).isApprox(a * b, 1e-14));
+    CHECK(evmarker::transposed_product(a, b).isApprox(a.transpose() * b, 1e-14));
+    CHECK(evmarker::product_with_transposed(a, b).isApprox(a * b.transpose(), 1e-14));
+    const Eigen::Matrix<double, 6, 6> M = Eigen::Matrix<double, 6, 6>::NullaryExpr([&] { return normal(random); });
+    const Eigen::Matrix<double, 6, 1> v = Eigen::Matrix<double, 6, 1>::NullaryExpr([&] { return normal(random); });
+    CHECK(Eigen::Matrix<double, 6, 1>(evmarker::product(M, evmarker::Vec6(v))).isApprox(M * v, 1e-14));
+  }
+}

@@ -1,5 +1,6 @@
 #pragma once
-// Rotations: exponential and logarithm, roll/pitch/yaw, rotation and orthonormalisation in place.
+// Rotations and rigid motions: products, exponential and logarithm, roll/pitch/yaw, turning and orthonormalisation in
+// place.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -41,6 +42,31 @@ inline Eigen::Matrix3d transposed_product(const Eigen::Matrix3d& A, const Eigen:
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < 3; ++i) C(i, k) = A(0, i) * B(0, k) + A(1, i) * B(1, k) + A(2, i) * B(2, k);
   return C;
+}
+
+/// The matrix product `A * B.transpose()`.
+inline Eigen::Matrix3d product_with_transposed(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) noexcept {
+  Eigen::Matrix3d C;
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 3; ++i) C(i, k) = A(i, 0) * B(k, 0) + A(i, 1) * B(k, 1) + A(i, 2) * B(k, 2);
+  return C;
+}
+/// The rigid motion `A * B`.
+inline Eigen::Isometry3d product(const Eigen::Isometry3d& A, const Eigen::Isometry3d& B) noexcept {
+  Eigen::Isometry3d C = A;
+  for (int i = 0; i < 3; ++i) set_axis(C, i, rotate(A, axis(B, i)));
+  set_translation(C, transform(A, translation(B)));
+  return C;
+}
+/// The rigid motion `T.inverse()`.
+inline Eigen::Isometry3d inverse(const Eigen::Isometry3d& T) noexcept {
+  const Vec3 x = axis(T, 0), y = axis(T, 1), z = axis(T, 2), t = translation(T);
+  Eigen::Isometry3d result = T;
+  set_axis(result, 0, {x.x, y.x, z.x});
+  set_axis(result, 1, {x.y, y.y, z.y});
+  set_axis(result, 2, {x.z, y.z, z.z});
+  set_translation(result, {-dot(x, t), -dot(y, t), -dot(z, t)});
+  return result;
 }
 
 /// Rotation matrix of a rotation vector [rad], by Rodrigues' formula; exact to rounding for every angle.

@@ -61,6 +61,7 @@ struct Vec6 {
 
   constexpr Vec6() noexcept = default;
   constexpr Vec6(Vec3 t_, Vec3 r_) noexcept : t(t_), r(r_) {}
+  constexpr Vec6(const std::array<double, 6>& v) noexcept : t(v[0], v[1], v[2]), r(v[3], v[4], v[5]) {}
   Vec6(const Eigen::Matrix<double, 6, 1>& v) noexcept : t(v(0), v(1), v(2)), r(v(3), v(4), v(5)) {}
   constexpr std::array<double, 6> array() const noexcept { return {t.x, t.y, t.z, r.x, r.y, r.z}; }
   operator Eigen::Matrix<double, 6, 1>() const noexcept {
@@ -76,6 +77,13 @@ constexpr Vec6 operator*(double s, const Vec6& a) noexcept { return {s * a.t, s 
 /// Element by element.
 constexpr Vec6 scaled(const std::array<double, 6>& s, const Vec6& a) noexcept {
   return {{s[0] * a.t.x, s[1] * a.t.y, s[2] * a.t.z}, {s[3] * a.r.x, s[4] * a.r.y, s[5] * a.r.z}};
+}
+/// The matrix product `A * a`.
+inline Vec6 product(const Eigen::Matrix<double, 6, 6>& A, const Vec6& a) noexcept {
+  std::array<double, 6> b{};
+  for (std::size_t k = 0; k < 6; ++k)
+    for (std::size_t i = 0; i < 6; ++i) b[i] += A.data()[6 * k + i] * a.array()[k];
+  return b;
 }
 constexpr double squared_norm(const Vec6& a) noexcept { return squared_norm(a.t) + squared_norm(a.r); }
 

@@ -93,11 +93,11 @@ inline BoardContradiction worst_contradiction(MarkerId board, const std::vector<
   for (const SeenMarker& a : seen_markers)
     for (const SeenMarker& b : seen_markers) {
       if (&a == &b) continue;
-      const Eigen::Isometry3d T_camera_a = a.T_camera_board[0] * a.marker->T_board_marker;
-      const Eigen::Isometry3d T_camera_b = b.T_camera_board[0] * b.marker->T_board_marker;
+      const Eigen::Isometry3d T_camera_a = product(a.T_camera_board[0], a.marker->T_board_marker);
+      const Eigen::Isometry3d T_camera_b = product(b.T_camera_board[0], b.marker->T_board_marker);
       const BoardContradiction pair{
-          board, a.marker->id, b.marker->id, transform(T_camera_a.inverse(), translation(T_camera_b)),
-          transform(a.marker->T_board_marker.inverse(), translation(b.marker->T_board_marker))};
+          board, a.marker->id, b.marker->id, transform(inverse(T_camera_a), translation(T_camera_b)),
+          transform(inverse(a.marker->T_board_marker), translation(b.marker->T_board_marker))};
       if (deviation_m(pair) > deviation_m(worst)) worst = pair;
     }
   return worst;

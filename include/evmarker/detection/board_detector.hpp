@@ -179,10 +179,10 @@ class BoardDetector {
       return T;
     };
     SeenMarker s{&marker, detection.t, {}, {}, {}};
-    const Eigen::Isometry3d T_marker_board = marker.T_board_marker.inverse();
-    s.T_camera_board.push_back(T_camera_marker(detection.T_camera_marker) * T_marker_board);
+    const Eigen::Isometry3d T_marker_board = inverse(marker.T_board_marker);
+    s.T_camera_board.push_back(product(T_camera_marker(detection.T_camera_marker), T_marker_board));
     if (detection.T_camera_marker_alternative)
-      s.T_camera_board.push_back(T_camera_marker(*detection.T_camera_marker_alternative) * T_marker_board);
+      s.T_camera_board.push_back(product(T_camera_marker(*detection.T_camera_marker_alternative), T_marker_board));
     const auto square = make_square_marker(marker.length).vertices;
     for (std::size_t i = 0; i < 4; ++i) {
       s.corners[i] = transform(marker.T_board_marker, square[i]);

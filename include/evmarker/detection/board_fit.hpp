@@ -1,11 +1,11 @@
 #pragma once
 // Fits the pose of a board to the corners of its detected markers.
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
 
+#include "evmarker/base/cholesky.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -43,11 +43,12 @@ void for_each_corner(const Eigen::Isometry3d& T, const std::vector<SeenMarker>& 
 }
 
 // Adds a measurement, with the row J = [g, lever x g], to the normal equations H x = b.
-inline void add_row(Vec3 g, Vec3 lever, double residual_px, double weight, Matrix6d& H, Vector6d& b) {
+inline void add_row(Vec3 g, Vec3 lever, double residual_px, double weight, Cholesky<6>::Matrix& H,
+                    Cholesky<6>::Vector& b) {
   const std::array<double, 6> J = Vec6(g, cross(lever, g)).array();
   for (std::size_t k = 0; k < 6; ++k) {
-    for (std::size_t i = 0; i < 6; ++i) H.data()[6 * k + i] += weight * J[i] * J[k];
-    b.data()[k] += weight * J[k] * residual_px;
+    for (std::size_t i = 0; i < 6; ++i) H[k][i] += weight * J[i] * J[k];
+    b[k] += weight * J[k] * residual_px;
   }
 }
 
@@ -62,15 +63,15 @@ inline BoardFit fit_board(const Eigen::Isometry3d& start, const std::vector<Seen
   constexpr double kOutlier_px = 4;
   Eigen::Isometry3d T = start;
   for (int iteration = 0; iteration < 10; ++iteration) {
-    Matrix6d H = Matrix6d::Zero();
-    Vector6d b = Vector6d::Zero();
-    for (int i = 0; i < 6; ++i) H(i, i) = 1e-9;  // invertible even where the corners leave a direction free
+    Cholesky<6>::Matrix H{};
+    Cholesky<6>::Vector b{};
+    for (std::size_t i = 0; i < 6; ++i) H[i][i] = 1e-9;  // invertible even where the corners leave a direction free
     detail::for_each_corner(T, seen_markers, focal_length, [&](Vec3 P, Vec2 residual_px) {
       const double weight = 1 / (1 + squared_norm(residual_px) / (kOutlier_px * kOutlier_px));
       detail::add_row(image_gradient({1, 0}, P, focal_length), P - translation(T), residual_px.x, weight, H, b);
       detail::add_row(image_gradient({0, 1}, P, focal_length), P - translation(T), residual_px.y, weight, H, b);
     });
-    const Vec6 step = Vector6d(H.ldlt().solve(b));
+    const Vec6 step = Cholesky<6>(H).solve(b);
     if (!is_finite(step)) break;
     set_translation(T, translation(T) + step.t);
     turn(T, step.r);

@@ -10,9 +10,7 @@ namespace evmarker {
 /// The perturbation that turns one pose into another: translation [m], then rotation vector [rad], in the frame into
 /// which both map.
 inline Vector6d pose_difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to) {
-  Vector6d by;
-  by << to.translation() - from.translation(), so3_log(to.linear() * from.linear().transpose());
-  return by;
+  return Vec6(translation(to) - translation(from), so3_log(product_with_transposed(to.linear(), from.linear())));
 }
 
 /// Applies a perturbation to a pose, which stays a rigid motion.

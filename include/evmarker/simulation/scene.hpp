@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "evmarker/base/require.hpp"
+#include "evmarker/base/so3.hpp"
 #include "evmarker/model/board.hpp"
 #include "evmarker/model/marker_model.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -38,7 +39,7 @@ inline std::vector<SimulatedMarker> simulated_markers(const Board& board, const 
                        .length = marker.length,
                        .bits = marker.bits,
                        .T_camera_marker = [T_camera_board, T_board_marker = marker.T_board_marker](double seconds) {
-                         return T_camera_board(seconds) * T_board_marker;
+                         return product(T_camera_board(seconds), T_board_marker);
                        }});
   return markers;
 }

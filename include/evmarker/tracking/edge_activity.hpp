@@ -1,6 +1,5 @@
 #pragma once
 // Compares the events of moving edges with what such edges make: how many, and of which polarity.
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -11,8 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/model/marker_model.hpp"
+#include "evmarker/model/projection.hpp"
 #include "evmarker/tracking/edge_contrasts.hpp"
 
 namespace evmarker {
@@ -68,7 +69,7 @@ class EdgeActivity {
     for (std::size_t i = 0; i < end_.size(); ++i) {
       if (!in_sight(i)) continue;
       swept_px2 += swept(i);
-      length_px += end_[i].along.norm();
+      length_px += norm(end_[i].along);
     }
     if (!std::isfinite(swept_px2)) {
       restart();
@@ -115,8 +116,8 @@ class EdgeActivity {
 
   // An edge in the image: its middle, and the vector from one end to the other; zero while it is not visible.
   struct Edge {
-    Eigen::Vector2d middle{0, 0}, along{0, 0};  // [px]
-    double dark = 0;  // positive if the dark side is on the right of `along` in the image, negative on the left
+    Vec2 middle, along;  // [px]
+    double dark = 0;     // positive if the dark side is on the right of `along` in the image, negative on the left
   };
   // Events matched to an edge, and how many of them are ON.
   struct Count {
@@ -150,7 +151,7 @@ class EdgeActivity {
     const double confirmed = all > 0 ? confirming / all : 0;
     Interval interval;
     for (std::size_t i = 0; i < end_.size(); ++i) {
-      const double length_px = end_[i].along.norm(), jitter = kJitter_px * length_px;
+      const double length_px = norm(end_[i].along), jitter = kJitter_px * length_px;
       const double swept = this->swept(i), confirmed_swept = confirmed * swept;
       // Of an edge that hardly moved across itself, neither its silence nor its rate is known.
       if (!(swept > jitter)) continue;
@@ -199,7 +200,7 @@ class EdgeActivity {
 
   // Events per swept area: by the edge's own history, and before there is enough of it by the mean of all edges.
   double rate(std::size_t i) const noexcept {
-    const double prior_px2 = 0.5 * end_[i].along.norm();  // worth half a pixel of motion
+    const double prior_px2 = 0.5 * norm(end_[i].along);  // worth half a pixel of motion
     return std::max(kLeastRate, (history_[i].events + prior_px2 * mean_rate_) / (history_[i].swept_px2 + prior_px2));
   }
   // True if an edge without events is evidence: at once on a printed marker, on any other body after enough motion.
@@ -210,22 +211,18 @@ class EdgeActivity {
   // An edge in the image. Without length if its face is turned away, or nearly so: edges of such a face are too close
   // to each other to know which of them made an event.
   Edge project(const MarkerModel& model, const MarkerSegment& segment, const Eigen::Isometry3d& T) const noexcept {
-    const Eigen::Vector3d seen_at = T * model.vertices[static_cast<std::size_t>(segment.from)];
-    const double toward_camera = -(T.linear() * segment.face_normal).dot(seen_at);
-    if (!segment.face_normal.isZero() && toward_camera < kGrazing * seen_at.norm()) return {};
-    const auto image = [&](int vertex) -> Eigen::Vector2d {
-      const Eigen::Vector3d V = T * model.vertices[static_cast<std::size_t>(vertex)];
-      return focal_length_ / V.z() * V.head<2>();
-    };
-    const Eigen::Vector2d from = image(segment.from), to = image(segment.to);
-    const Eigen::Vector3d S =
-        model.vertices[static_cast<std::size_t>(segment.to)] - model.vertices[static_cast<std::size_t>(segment.from)];
-    const double dark = (T.linear() * S.cross(segment.dark_side)).dot(seen_at);
-    return {(from + to) / 2, to - from, dark};
+    const Vec3 from = model.vertices[static_cast<std::size_t>(segment.from)],
+               to = model.vertices[static_cast<std::size_t>(segment.to)], seen_at = transform(T, from),
+               face_normal = segment.face_normal;
+    const double toward_camera = -dot(rotate(T, face_normal), seen_at);
+    if (face_normal != Vec3() && toward_camera < kGrazing * norm(seen_at)) return {};
+    const Vec2 a = focal_length_ * on_plane(seen_at), b = focal_length_ * on_plane(transform(T, to));
+    const double dark = dot(rotate(T, cross(to - from, segment.dark_side)), seen_at);
+    return {(a + b) / 2, b - a, dark};
   }
 
   // True if an edge was in sight at the begin of the interval, and is at its end.
-  bool in_sight(std::size_t i) const noexcept { return !begin_[i].along.isZero() && !end_[i].along.isZero(); }
+  bool in_sight(std::size_t i) const noexcept { return begin_[i].along != Vec2() && end_[i].along != Vec2(); }
 
   // Area that an edge swept [px^2]: its length times the motion of its middle along its normal.
   double swept(std::size_t i) const noexcept { return std::abs(swept_to_right(i)); }
@@ -234,13 +231,13 @@ class EdgeActivity {
   double swept_to_right(std::size_t i, double place = 0) const noexcept {
     if (!in_sight(i)) return 0;
     const Edge &end = end_[i], &begin = begin_[i];
-    const Eigen::Vector2d way = end.middle + place * end.along - begin.middle - place * begin.along;
-    return way.y() * end.along.x() - way.x() * end.along.y();
+    const Vec2 way = end.middle + place * end.along - begin.middle - place * begin.along;
+    return way.y * end.along.x - way.x * end.along.y;
   }
 
   void measure_contrasts(std::span<const std::uint32_t> middle_events) noexcept {
     for (std::size_t i = 0; i < end_.size(); ++i) {
-      const double length_px = end_[i].along.norm(), swept = swept_to_right(i);
+      const double length_px = norm(end_[i].along), swept = swept_to_right(i);
       if (end_[i].dark == 0 || length_px < kLong_px || !(std::abs(swept) > kJitter_px * length_px)) continue;
       contrasts_.add(i, middle_events[i] - middle_events_[i], std::abs(swept) / 2, length_px / 2,
                      swept * end_[i].dark > 0);

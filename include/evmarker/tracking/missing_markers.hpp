@@ -25,12 +25,14 @@ class MissingMarkers {
 
   /// Moves the lost ones of the confirmed markers here, also where a batch has lost several. True if there were any.
   bool add_lost_of(ConfirmedMarkers<Rule>& confirmed) {
+    const auto age = [](const PlanarHypotheses<Rule>& marker) {
+      return std::pair(marker.tracker().estimate().t, marker.id());
+    };
     const std::size_t before = markers_.size();
-    confirmed.remove_lost([&](PlanarHypotheses<Rule>& marker) { markers_.push_back(std::move(marker)); });
-    if (markers_.size() == before) return false;
-    std::ranges::sort(markers_, {},
-                      [](const auto& marker) { return std::pair(marker.tracker().estimate().t, marker.id()); });
-    return true;
+    confirmed.remove_lost([&](PlanarHypotheses<Rule>& marker) {
+      markers_.insert(std::ranges::upper_bound(markers_, age(marker), {}, age), std::move(marker));
+    });
+    return markers_.size() > before;
   }
 
   /// Removes the markers whose motion can no longer be predicted, and the oldest if there are more than `max_markers`.

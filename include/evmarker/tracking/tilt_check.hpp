@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "evmarker/base/box.hpp"
+#include "evmarker/base/so3.hpp"
 #include "evmarker/model/planar_ambiguity.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
 #include "evmarker/tracking/edge_follower.hpp"
@@ -112,9 +113,9 @@ class TiltCheck {
   static double tilt_deviation(const EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
     if constexpr (MirrorableRule<Rule>) {
       const Matrix6d P = follower.rule().covariance_by_events();
-      const Eigen::Vector3d sight = seen.to_camera;
-      const Eigen::Matrix3d of_rotation = P.template bottomRightCorner<3, 3>();
-      return std::sqrt(std::max(0.0, of_rotation.trace() - sight.dot(of_rotation * sight)));
+      const Vec6 about_sight({}, seen.to_camera);
+      const double about_all = P(3, 3) + P(4, 4) + P(5, 5);
+      return std::sqrt(std::max(0.0, about_all - dot(about_sight.r, product(P, about_sight).r)));
     } else {
       return 0;
     }
@@ -181,7 +182,7 @@ class TiltCheck {
   // Tells the follower of the other pose, and returns the angle between both.
   double tell(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
     const Eigen::Isometry3d &T = follower.T_camera_marker(), &T_other = other_->T_camera_marker();
-    const double between_rad = Eigen::AngleAxisd(T.linear().transpose() * T_other.linear()).angle();
+    const double between_rad = geodesic_angle(T.linear(), T_other.linear());
     const double probability = comparison_.probability_of_second();
     const bool in_doubt = !trusted_ || probability > 0.5;
     follower.set_other_pose(T_other, in_doubt ? probability : 0);

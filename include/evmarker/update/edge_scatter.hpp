@@ -1,10 +1,11 @@
 #pragma once
 // How far errors that all events of an edge share shift the pose.
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 
+#include "evmarker/base/cholesky.hpp"
 #include "evmarker/base/vector.hpp"
 #include "evmarker/model/pose_estimate.hpp"
 #include "evmarker/simd/pack.hpp"
@@ -82,18 +83,22 @@ class EdgeScatter {
   // measurements of variance v.
   // @param variance_by_count v / k
   void spread_to_pose(double variance_by_count) noexcept {
-    using Matrix = Eigen::Matrix<double, kStates, kStates>;
-    Matrix information;
-    for (std::size_t k = 0; k < kStates; ++k)
-      for (std::size_t i = 0; i <= k; ++i)
-        information(static_cast<int>(k), static_cast<int>(i)) = information(static_cast<int>(i), static_cast<int>(k)) =
-            rows_[k][i] / rows_weight_;
-    share_of_known_dark_sides_ = std::min(1.0, information(kStates - 1, kStates - 1));
-    information(kStates - 1, kStates - 1) += kLeastInformation;
-    const Eigen::LLT<Matrix> llt(information);
-    const Matrix inverse = llt.solve(Matrix::Identity());
-    if (llt.info() == Eigen::Success && inverse.allFinite())
-      covariance_ = variance_by_count * inverse.topLeftCorner<6, 6>();
+    std::array<Row, kStates> information = rows_;
+    for (Row& row : information)
+      for (double& x : row) x /= rows_weight_;
+    double& of_offset = information[kStates - 1][kStates - 1];
+    share_of_known_dark_sides_ = std::min(1.0, of_offset);
+    of_offset += kLeastInformation;
+    const Cholesky<kStates> factors(information);
+    Matrix6d covariance;
+    for (std::size_t k = 0; k < 6; ++k) {
+      Row unit{};
+      unit[k] = 1;
+      const Row column = factors.solve(unit);  // of the inverse
+      if (!std::isfinite(column[k])) return;
+      for (std::size_t i = 0; i < 6; ++i) covariance.data()[6 * k + i] = variance_by_count * column[i];
+    }
+    covariance_ = covariance;
   }
 
   std::array<simd::Pair, kEdges> edges_{};  // of each, the sums of weight residual and of weight

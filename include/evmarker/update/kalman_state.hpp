@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "evmarker/base/vector.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -48,13 +49,22 @@ struct KalmanState {
 
   /// Goes over to another pose, whose motions are J times those of this one.
   void transform(const Matrix6d& J) noexcept {
-    twist = Vec6(Vector6d(J * Vector6d(twist)));
-    lead.motion = Vec6(Vector6d(J * Vector6d(lead.motion)));
-    Matrix12d of_state = Matrix12d::Zero();
-    of_state.topLeftCorner<6, 6>() = of_state.bottomRightCorner<6, 6>() = J;
-    P.xx = (of_state * P.xx * of_state.transpose()).eval();
+    twist = product(J, twist);
+    lead.motion = product(J, lead.motion);
+    const auto transform_column = [&](double* column) {
+      for (double* x : {column, column + 6}) {  // pose, velocity
+        const Vec6 moved = product(J, {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}});
+        std::ranges::copy(moved.array(), x);
+      }
+    };
+    // P is symmetric, so that its rows are transformed as columns, too.
+    for (int side = 0; side < 2; ++side) {
+      for (int k = 0; k < 12; ++k) transform_column(&P.xx(0, k));
+      for (int k = 0; k < 12; ++k)
+        for (int i = 0; i < k; ++i) std::swap(P.xx(i, k), P.xx(k, i));
+    }
     P.symmetrize();
-    for (Vector12d& column : P.xb) column = (of_state * column).eval();
+    for (Vector12d& column : P.xb) transform_column(column.data());
   }
 
   /// Variance of the speed of the edges, summed over the three axes [m^2/s^2].
@@ -80,7 +90,7 @@ struct KalmanState {
 
   /// Covariance of the pose after a step from the state's own time: the pose's block of F P F^T + Q.
   void add_motion(Matrix6d& pose, const MotionStep& motion, const std::array<double, 6>& q) const noexcept {
-    const Eigen::Map<const Vector6d> carried(motion.pose_by_velocity.data());
+    const auto carried = [&](int i) { return motion.pose_by_velocity[static_cast<std::size_t>(i)]; };
     for (int k = 0; k < 6; ++k) {
       for (int i = 0; i < 6; ++i)
         pose(i, k) +=
