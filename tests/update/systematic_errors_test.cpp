@@ -46,7 +46,8 @@ TEST_CASE("systematic errors: the width of the edges bounds the trail") {
 TEST_CASE("systematic errors: a spread beyond that of a focused sensor makes the time of the pose uncertain") {
   SystematicErrors errors{KalmanSettings()};
   const double known_s2 = errors.delay_variance_s2(kPxPerS);
-  errors.measure(1.0, kPxPerS, false, 0, 0);  // perhaps noise
+  for (int i = 0; i < 100; ++i) errors.add_noise_share(0.3);
+  errors.measure(1.1, kPxPerS, false, 0, 0);  // perhaps by noise
   CHECK(errors.delay_variance_s2(kPxPerS) == known_s2);
   errors.measure(1.1, kPxPerS, true, 0, 0);
   CHECK(errors.delay_variance_s2(kPxPerS) > known_s2 + 0.5 / (kPxPerS * kPxPerS));
@@ -56,8 +57,7 @@ TEST_CASE("systematic errors: a spread beyond that of a focused sensor makes the
   CHECK_FALSE(errors.events_fill_distance());
 }
 
-TEST_CASE(
-    "systematic errors: among noise, the spread tells that the edges are lost if it is more than noise explains") {
+TEST_CASE("systematic errors: a spread beyond what noise explains tells that the edges are lost") {
   const auto fill = [](double noise_share, double spread_px2) {
     SystematicErrors errors{KalmanSettings()};
     for (int i = 0; i < 100; ++i) errors.add_noise_share(noise_share);
@@ -66,7 +66,7 @@ TEST_CASE(
     CHECK(unsure == errors.events_fill_distance());
     return unsure;
   };
-  // Evenly over 2 px it is 1.33; over the edges' width .7, and .89 where a third of the events is noise.
+  // Evenly over 2 px it is 1.33; over the edges' width .7, and .89 where three tenths of the events are noise.
   CHECK(fill(0, 1.1));
   CHECK_FALSE(fill(0, 0.9));
   CHECK(fill(0.3, 1.3));

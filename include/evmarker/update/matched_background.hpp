@@ -17,7 +17,7 @@ struct MatchedBackground {
   double by_chance_per_s = 0;
   /// Those of them that are noise: they come while the marker is at rest, too [1/s].
   double noise_per_s = 0;
-  /// Share of the matched events that are noise.
+  /// Share of the matched events that are noise, at most.
   double noise_share = 0;
 };
 

@@ -38,7 +38,7 @@ class SystematicErrors {
     response_time_.add(residual_px, px_per_s, polarity);
   }
 
-  /// Adds the share of the last events that is noise.
+  /// Adds the share of the last 64 events or more that is noise, at most.
   void add_noise_share(double share) noexcept { noise_share_ += kNoiseMemory * (share - noise_share_); }
 
   /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
@@ -123,7 +123,7 @@ class SystematicErrors {
 
  private:
   static constexpr double kMostNoise = 0.5;         // share of the events
-  static constexpr double kNoiseMemory = 1.0 / 16;  // as long as that of the spread: shares are of some 64 events
+  static constexpr double kNoiseMemory = 1.0 / 16;  // of a share: 1000 events, as the mean of the spread
   static constexpr double squared(double x) noexcept { return x * x; }
 
   [[gnu::noinline]] void evaluate() noexcept {
