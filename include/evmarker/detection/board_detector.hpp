@@ -75,7 +75,7 @@ class BoardDetector {
     const std::optional<std::size_t> target = target_of(id);
     if (!target) return detector_.shows(id, T);
     return std::ranges::any_of(targets_[*target].board.markers, [&](const BoardMarker& marker) {
-      return detector_.shows(marker.id, as_assumed(marker, T * marker.T_board_marker));
+      return detector_.shows(marker.id, as_assumed(marker, product(T, marker.T_board_marker)));
     });
   }
 
@@ -85,7 +85,7 @@ class BoardDetector {
     if (!target) return detector_.search(id, T);
     std::vector<SeenMarker> seen;
     for (const BoardMarker& marker : targets_[*target].board.markers)
-      if (const auto detection = detector_.search(marker.id, as_assumed(marker, T * marker.T_board_marker)))
+      if (const auto detection = detector_.search(marker.id, as_assumed(marker, product(T, marker.T_board_marker))))
         seen.push_back(seen_marker(marker, *detection));
     return seen.empty() ? std::nullopt : locate(targets_[*target], seen);
   }
@@ -155,7 +155,7 @@ class BoardDetector {
     for (const auto& [id, T] : tracked)
       if (const auto target = target_of(id))
         for (const BoardMarker& marker : targets_[*target].board.markers)
-          markers.push_back({marker.id, as_assumed(marker, T * marker.T_board_marker)});
+          markers.push_back({marker.id, as_assumed(marker, product(T, marker.T_board_marker))});
       else
         markers.push_back({id, T});
     return markers;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "evmarker/base/box.hpp"
+#include "evmarker/base/so3.hpp"
 #include "evmarker/matching/grid_matcher.hpp"
 #include "evmarker/matching/part_tiles.hpp"
 
@@ -203,7 +204,7 @@ class BoardMatcher {
     bool any = false, outgrown = false;
     for (std::size_t i = 0; i < markers_.size(); ++i) {
       Marker& marker = markers_[i];
-      const Eigen::Isometry3d T = T_camera_board * marker.T_board_marker;
+      const Eigen::Isometry3d T = product(T_camera_board, marker.T_board_marker);
       if (!in_front(marker, T)) return fail();
       const bool was_visible = std::exchange(marker.visible, dot(axis(T, 2), translation(T)) < 0);
       if (marker.visible != was_visible) {
