@@ -138,4 +138,11 @@ TEST_CASE("measurements that cannot be taken change nothing") {
   refuses([&](Problem& problem) { problem.P.xx(3, 3) = -1; });
   for (std::size_t b = 0; b < kBiases; ++b) refuses([&](Problem& problem) { problem.P.bb[b][b] = -1; });
   refuses([&](Problem& problem) { problem.rows.weight[2] = -1e-9; });
+  // A bias that correlates with the pose by more than its variance allows: S stays positive, what is left of the
+  // variance does not.
+  for (std::size_t b = 0; b < kBiases; ++b)
+    refuses([&](Problem& problem) {
+      problem.P.bb[b][b] = 1e-9;
+      problem.rows.row[6 + b].fill(0);
+    });
 }

@@ -131,7 +131,9 @@ class SequentialUpdate {
       for (std::size_t b = 0; b < kBiases; ++b) bias[b] -= by_S_[m] * PJ_b_at_turn_[b][m] * PJ_b_at_turn_[b][m];
       innovations += std::abs(innovation_by_S_[m]);
     }
-    double least = std::min(bias[0], bias[1]);
+    double least = bias[0];
+#pragma GCC unroll 3
+    for (std::size_t b = 1; b < kBiases; ++b) least = std::min(least, bias[b]);
 #pragma GCC unroll 8
     for (std::size_t k = 0; k < kPose; ++k) least = std::min(least, P.xx.data()[12 * k + k] - reduction[k]);
     return positive && least > 0 && innovations < std::numeric_limits<double>::infinity();
