@@ -67,7 +67,7 @@ class EventIntake {
     for_each_block(events, [&](std::span<const Event> block) {
       pushed_ += block.size();
       for (std::size_t begin = 0; begin < block.size(); begin += EventBlock::kCapacity)
-        enqueue(thin(block.subspan(begin, std::min(block.size() - begin, EventBlock::kCapacity))), now);
+        enqueue(take_in(block.subspan(begin, std::min(block.size() - begin, EventBlock::kCapacity))), now);
     });
     wake_consumer();  // once, with all events in the queue: when it wakes, it may take the processor from this thread
   }
@@ -104,7 +104,8 @@ class EventIntake {
     consumer_sleeps_.exchange(true);
     block = try_pop();
     const bool woken = block == nullptr && open_ && wake_.wait(timeout.count());
-    // Whoever took the flag, a push or `close`, signals: if that were left, the next wait would end at once.
+    // Whoever took the flag, a push or `close`, will signal: the signal is taken here, or the next wait would end at
+    // once.
     if (!woken && !consumer_sleeps_.exchange(false)) wake_.wait();
     return block != nullptr ? block : try_pop();
   }
@@ -133,8 +134,8 @@ class EventIntake {
     open_ = true;
   }
 
-  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms. A `pop` is woken at once: its own
-  /// timeout is by the system's clock, and takes longer if that is set back.
+  /// Drops what is pushed from now on. A `push` that waits returns within 10 ms. A `pop` is woken, as its timeout is by
+  /// the system's clock and lasts longer if that is set back.
   void close() noexcept {
     open_ = false;
     wake_consumer();
@@ -205,8 +206,9 @@ class EventIntake {
     dropping_ = true;
   }
 
-  // The events to put into the queue: all, or as many as the policy `thin` keeps. Valid until the next call.
-  std::span<const Event> thin(std::span<const Event> events) {
+  // Notes the times of events. Returns those to put into the queue: all, or as many as the policy `thin` keeps; valid
+  // until the next call.
+  std::span<const Event> take_in(std::span<const Event> events) {
     const double share = policy_ == OverloadPolicy::thin ? share_to_keep() : 1;
     std::size_t kept = 0;
     for (const Event& event : events) {
@@ -248,7 +250,8 @@ class EventIntake {
       if (!may_wait()) return nullptr;
       wake_consumer();
       const Waiting waiting(waiting_);
-      if (free_.wait_dequeue_timed(block, std::chrono::milliseconds(5))) return block;
+      // Not by the queue's timed wait, which lasts as long as the system's clock is set back.
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
     }
     return nullptr;
   }
@@ -294,7 +297,7 @@ class EventIntake {
   moodycamel::spsc_sema::LightweightSemaphore wake_;
   std::array<Event, EventBlock::kCapacity> kept_;
   EventBlock* last_block_ = nullptr;   // was put into the queue last; it may have been removed since
-  std::atomic<bool> dropping_{false};  // events were dropped since the last block
+  std::atomic<bool> dropping_{false};  // events were dropped since the last block, not counting those thinned out
   double thinning_ = 0;                // sum of the shares to keep, less the events kept
   bool last_t_known_ = false;          // an event was pushed
   std::atomic<std::uint64_t> last_block_number_{0};
