@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 
 using namespace evmarker;
 
@@ -40,6 +41,36 @@ TEST_CASE("systematic errors: the width of the edges bounds the trail") {
     const double trail_px = errors.trail_by_width_px(kSpread_px2, kPxPerS, 4);
     CHECK(trail_px > 0.1);
     CHECK(errors.most_trail_px() == doctest::Approx(std::max(2 * trail_px, initial_trail_px)));
+  }
+}
+
+TEST_CASE(
+    "systematic errors: a delay is measured within the matching distance that was set, at first and when forgotten") {
+  // OFF events late by an exponential time of mean 2 ms.
+  const auto feed = [](auto&& add) {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> unit(0, 1);
+    std::normal_distribution<double> normal;
+    for (int i = 0; i < 5000; ++i) {
+      const double v = 800 * unit(random), late_s = i % 2 == 0 ? 0 : -2e-3 * std::log(1 - unit(random));
+      const double residual_px = 0.5 * normal(random) + v * late_s;
+      if (std::abs(residual_px) < 3) add(residual_px, v, i % 2 == 0 ? 1 : -1);
+    }
+  };
+  const auto delay_within = [&](double distance_px) {
+    ResponseTime response(distance_px);
+    feed([&](auto... sample) { response.add(sample...); });
+    return response.delay_s();
+  };
+  REQUIRE(delay_within(3) > 0);
+  REQUIRE(delay_within(2) > 1.1 * delay_within(3));
+  SystematicErrors errors{KalmanSettings()};
+  errors.set_max_distance_px(3);
+  for (int i = 0; i < 2; ++i) {
+    feed([&](auto... sample) { errors.add_moving_sample(sample...); });
+    CHECK(errors.response_s() == delay_within(3));
+    errors.forget_delay();
+    CHECK(errors.response_s() == 0);
   }
 }
 

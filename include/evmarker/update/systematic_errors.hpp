@@ -38,8 +38,8 @@ class SystematicErrors {
     response_time_.add(residual_px, px_per_s, polarity);
   }
 
-  /// Adds the share of the last 64 events or more that is noise, at most.
-  void add_noise_share(double share) noexcept { noise_share_ += kNoiseMemory * (share - noise_share_); }
+  /// Adds an upper bound of the share of noise among the last events, 64 of them or more.
+  void add_noise_share(double share) noexcept { noise_share_ += kNoiseGain * (share - noise_share_); }
 
   /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
   /// @param spread_px2 mean squared residual
@@ -68,7 +68,8 @@ class SystematicErrors {
   /// @param trail_px as the filter has it
   [[gnu::noinline]] void measure(double spread_px2, double px_per_s, bool moving, double events_per_passage,
                                  double trail_px) noexcept {
-    // Noise is in the spread, too. Where it may be much of it, the spread tells only whether the edges are lost.
+    // Unless the edges surely move, the noise's part is taken out, and the rest counts only if it still fills the
+    // matching distance, as where the edges have been lost.
     const double of_edges_px2 = moving ? spread_px2 : without_noise_px2(spread_px2);
     if (moving || UnexplainedSpread::fills(of_edges_px2, max_distance_px_))
       misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s));
@@ -85,9 +86,12 @@ class SystematicErrors {
   }
 
   /// Forgets what the residuals showed of a delay.
-  void forget_delay() noexcept { response_time_ = {}; }
+  void forget_delay() noexcept { response_time_ = ResponseTime(max_distance_px_); }
   /// Sets within which distance of an edge events are matched; 2 at first.
-  void set_max_distance_px(double distance_px) noexcept { max_distance_px_ = distance_px; }
+  void set_max_distance_px(double distance_px) noexcept {
+    max_distance_px_ = distance_px;
+    response_time_.set_max_distance_px(distance_px);
+  }
 
   /// By how much events are late: the sensor's known delay and its response time [s].
   double delay_s() const noexcept { return latency_s_ + response_time_.delay_s(); }
@@ -109,7 +113,8 @@ class SystematicErrors {
   double trail_by_width_px(double spread_px2, double px_per_s, double events_per_passage) const noexcept {
     return expected_trail_px(edge_width_px(spread_px2, px_per_s), events_per_passage);
   }
-  /// The longest trail that pixels can make, a whole contrast step; infinite while it is not known.
+  /// The longest trail that pixels can make: a whole contrast step, and what an unknown delay may add; infinite while
+  /// it is not known.
   double most_trail_px() const noexcept { return most_trail_px_; }
 
   /// Covariance of the pose by the errors of whole edges, see EdgeScatter; to be multiplied by `edge_factor`, for what
@@ -122,13 +127,13 @@ class SystematicErrors {
   static constexpr double kPixelVariance = 1.0 / 12;  ///< of a coordinate that is rounded to whole pixels [px^2]
 
  private:
-  static constexpr double kMostNoise = 0.5;         // share of the events
-  static constexpr double kNoiseMemory = 1.0 / 16;  // of a share: 1000 events, as the mean of the spread
+  static constexpr double kMostNoise = 0.5;       // share of the events
+  static constexpr double kNoiseGain = 1.0 / 16;  // weight of a new share of 64 events: over 1000, as for the spread
   static constexpr double squared(double x) noexcept { return x * x; }
 
   [[gnu::noinline]] void evaluate() noexcept {
     edges_.evaluate();
-    response_time_.evaluate(max_distance_px_);
+    response_time_.evaluate();
     moved_px_ = 0;
   }
 
