@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <concepts>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
@@ -16,7 +17,8 @@
 namespace evmarker {
 
 /// One detected marker. From afar, a planar marker looks alike at two poses, mirrored in depth. Where the detection has
-/// both, both are tracked, and the state stays `converging` until the events have decided between them.
+/// both, both are tracked, and the state stays `converging` until the events have decided between them, one is lost, or
+/// they have become alike.
 template <PoseUpdateRule Rule>
 class PlanarHypotheses {
  public:
@@ -29,7 +31,7 @@ class PlanarHypotheses {
     set_ambiguous(true);
   }
 
-  /// Takes events whose times have been judged, see MarkerTracker::push_checked.
+  /// Takes events that a TimeGuard has passed, see MarkerTracker::push_checked.
   template <std::invocable<const PoseEstimate&, const Event&> Use>
   void push(std::span<const Event> events, const Use& use) {
     for (; ambiguous_ && !events.empty(); events = events.subspan(1))
@@ -45,7 +47,8 @@ class PlanarHypotheses {
   const PoseEstimate* skip(std::chrono::microseconds missing) noexcept {
     if (ambiguous_) rival_->skip(missing);
     const PoseEstimate* const lost_pose = tracker_.skip(missing);
-    // A loss is not reported if the other pose goes on. A lost rival is dropped with the next pose, see can_decide().
+    // A loss is not reported if the other pose goes on. A lost rival is dropped with the next pose, see
+    // comparison_over().
     if (lost_pose && ambiguous_ && keep_better()) return nullptr;
     return lost_pose;
   }
@@ -88,8 +91,9 @@ class PlanarHypotheses {
   // Its code may be read falsely elsewhere, and in the next frame again, but hardly so often in a row.
   static constexpr int kOftenElsewhere = 5, kOftenInDoubt = 2;
   // A rule without a motion model jitters by more than the poses differ: more events would not decide it either.
-  static constexpr int kMostEvents = MotionEstimatingRule<Rule> ? std::numeric_limits<int>::max() : 2000;
-  static constexpr double kAlike_rad = 0.1;  // then it does not matter which
+  static constexpr std::int64_t kMostEvents =
+      MotionEstimatingRule<Rule> ? std::numeric_limits<std::int64_t>::max() : 2000;  // twenty of its averages
+  static constexpr double kAlike_rad = 0.1;                                          // then it does not matter which
 
   // Not inlined: it is needed for some milliseconds after a detection only.
   [[gnu::noinline]] const PoseEstimate* push_to_both(const Event& event) noexcept {
@@ -98,14 +102,15 @@ class PlanarHypotheses {
     rival_->push_checked(event);
     const PoseEstimate* const pose = tracker_.push_checked(event);
     if (!pose) return nullptr;
-    // Before the pose is handed on: a loss is not reported if the other pose goes on. This one, if it is kept, is
-    // reported as before the decision.
-    if (can_decide()) return keep_better() ? &tracker_.refresh_pose() : pose;
+    // Before the pose is handed on: a loss is not reported if the other pose goes on. If this pose is kept, it is
+    // handed on as it is, still as ambiguous.
+    if (comparison_over()) return keep_better() ? &tracker_.refresh_pose() : pose;
     tracker_.set_other_pose(rival_->T_camera_marker(), comparison_.probability_of_second());
     return &tracker_.refresh_pose();
   }
 
-  bool can_decide() const noexcept {
+  // Decided or not.
+  bool comparison_over() const noexcept {
     return lost() || rival_->state() == TrackingState::lost || comparison_.decided() || alike() ||
            comparison_.events() >= kMostEvents;
   }
@@ -134,8 +139,8 @@ class PlanarHypotheses {
   }
 
   MarkerTracker<Rule> tracker_;
-  std::optional<MarkerTracker<Rule>> rival_;  // at the other pose; kept when it has been dropped, see free_memory
-  bool ambiguous_ = false;                    // the events have not decided yet
+  std::optional<MarkerTracker<Rule>> rival_;  // at the other pose; still allocated when not ambiguous, see free_memory
+  bool ambiguous_ = false;                    // both poses are tracked
   PoseComparison comparison_;
   int detected_elsewhere_ = 0;  // times in a row
 };

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <numbers>
 
 #include "evmarker/simd/pack.hpp"
@@ -13,20 +14,22 @@ namespace evmarker {
 /// How far an event lies from where the nearest edge of a pose makes events.
 struct EdgeResidual {
   int segment = -1;  ///< of the model; -1 where the pose has no edge near
-  double px = 0;     ///< signed; where there is no edge, as far as an event can be from one
+  double px = 0;     ///< signed, and limited; the limit itself where there is no edge
 };
 
 /// Compares by how much nearer each event lies to the edges of one pose than to those of the other. The difference is
 /// judged twice, and must be beyond chance both times:
 ///
-/// By events, against the variance of their sum. Events of one passage of an edge err together; sums of 64 events are
-/// assumed to be independent.
+/// By events, against the variance that their sum has if neither pose is nearer. Events of one passage of an edge err
+/// together; sums of 64 events are assumed to be independent.
 ///
 /// By edges, as no number of events averages out what a whole edge is off by. At the right pose, the mean residuals of
 /// k edges are only these errors, of a variance that is not known. With S1 and S2 the mean squares at the two poses,
-/// the logarithm of the likelihood ratio is k / 2 ln(S2 / S1): that of z^2 / 2 at z standard deviations. Once events
-/// are averaged out, it goes up and down only as the errors change with the motion: with every doubling of the events,
-/// which makes nearly new means, chance has another opportunity, so that more evidence is asked for.
+/// and that variance fitted to each, the logarithm of the likelihood ratio is k / 2 ln(S2 / S1). As for a normal
+/// distribution, z^2 / 2 of it stands for z standard deviations. Once events are averaged out, it goes up and down only
+/// as the errors change with the motion. Each doubling of the events makes nearly new means, and so is another test:
+/// the evidence that is asked for rises by the logarithm of the number of tests. An event counts for the edges of those
+/// poses only that have an edge near it.
 class PoseComparison {
  public:
   /// Adds one event, by its residuals at the first and at the second pose. An event at equal distances does not count.
@@ -43,14 +46,15 @@ class PoseComparison {
   }
 
   /// How many events count.
-  int events() const noexcept { return events_; }
+  std::int64_t events() const noexcept { return events_; }
   bool second_is_nearer() const noexcept { return sum_ < 0; }
 
   /// True once events and edges both are beyond chance, and agree.
   bool decided() const noexcept {
     if (std::abs(z_by_events()) < kBeyondChance) return false;
-    const double by_edges = z_by_edges(), opportunities = 1 + std::max(0.0, std::log2(events_ / kAveragedOut));
-    return by_edges * by_edges / 2 > kLogRatioOfEdges + std::log(opportunities) && (by_edges < 0) == second_is_nearer();
+    const double by_edges = z_by_edges(),
+                 tests = 1 + std::max(0.0, std::log2(static_cast<double>(events_) / kAveragedOut));
+    return by_edges * by_edges / 2 > kLogRatioOfEdges + std::log(tests) && (by_edges < 0) == second_is_nearer();
   }
   /// Probability that the second pose is the right one; 1/2 while there are too few events, or events and edges
   /// disagree.
@@ -65,7 +69,8 @@ class PoseComparison {
   static constexpr double kBeyondChance = 4;     // standard deviations
   static constexpr double kLogRatioOfEdges = 2;  // two standard deviations, at the first opportunity
   static constexpr double kAveragedOut = 16384;  // events: some hundred passages of every edge
-  static constexpr int kTogether = 64, kFewest = 16 * kTogether;
+  static constexpr int kTogether = 64;
+  static constexpr int kFewest = 16 * kTogether;  // with fewer sums, z cannot reach kBeyondChance
   static constexpr double kSmallest = 1e-12;
 
   // Sums of the residuals of each edge; those whose numbers are equal modulo 64 count as one.
@@ -105,7 +110,7 @@ class PoseComparison {
   }
 
   Edges first_, second_;
-  int events_ = 0;
+  std::int64_t events_ = 0;
   double group_ = 0, sum_ = 0, variance_ = 0;
 };
 

@@ -16,8 +16,8 @@ namespace evmarker {
 /// From afar, a flat marker looks nearly alike at two poses, tilted to one side of the line of sight or as much to the
 /// other, see `mirrored`. While it nearly faces the camera it makes few events, and a tracker cannot tell whether it
 /// goes on turning, to the other side, or turns back. From the moment it turns away again, both poses are followed
-/// until the events have decided; meanwhile the covariance covers both. A pose is trusted, and not in doubt before
-/// events speak for the other one, if all the time that it faced the camera its covariance excluded the other side.
+/// until the events have decided; meanwhile the covariance covers both. A pose is trusted if its covariance excluded
+/// the other side all the time that it faced the camera: then it is in doubt only once events speak for the other one.
 /// Needs a MirrorableRule: with others it does nothing.
 template <PoseUpdateRule Rule>
 class TiltCheck {
@@ -55,9 +55,9 @@ class TiltCheck {
     switch (phase_) {
       case Phase::sure: {
         const bool facing = is_facing(follower, seen);
-        if ((facing && was_tilted_) || tilt < kAlike_rad) begin_to_face(seen, true);
+        if ((facing && was_tilted_) || tilt < kAlike_rad) begin_to_face(seen, true);  // until it is unsure, see below
         was_tilted_ |= !facing;
-        if (phase_ == Phase::sure && size_px(follower, seen) > kGrown * asked_px_) ask_again(follower, seen);
+        if (phase_ == Phase::sure && size_px(follower, seen) > kGrown * compared_px_) compare_grown(follower, seen);
         return false;
       }
       case Phase::facing:
@@ -78,7 +78,7 @@ class TiltCheck {
     if (!other_) return;
     const SeenPlane seen(follower.T_camera_marker(), *plane_);
     if (!both_alike) {
-      least_tilt_ = 0;
+      least_tilt_ = 0;  // so that turning back does not end the comparison
       begin_to_compare(follower, seen);
     } else if (is_unsure(follower, seen)) {
       begin_to_face(seen);
@@ -107,7 +107,7 @@ class TiltCheck {
   static constexpr double kMostUnsure_rad = 0.35;  // the side of a larger tilt is never lost
   static constexpr double kWild_rad = 0.35;        // between both poses: 20 deg
   static constexpr double kSigmas = 3;             // of the tilt
-  static constexpr double kGrown = 1.5;            // a marker that much larger is asked again
+  static constexpr double kGrown = 1.5;            // poses of a marker that much larger are compared again
 
   // Standard deviation of the tilt, of both axes together [rad].
   static double tilt_deviation(const EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
@@ -146,11 +146,11 @@ class TiltCheck {
   }
 
   // What was decided while the marker was smaller in the image may have been wrong.
-  void ask_again(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
-    const bool first = asked_px_ == 0;
-    asked_px_ = size_px(follower, seen);
-    if (first) return;  // as it was detected: PlanarHypotheses decides
-    least_tilt_ = 0;
+  void compare_grown(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
+    const bool first = compared_px_ == 0;
+    compared_px_ = size_px(follower, seen);
+    if (first) return;  // as it was detected: PlanarHypotheses compares
+    least_tilt_ = 0;    // so that turning back does not end the comparison
     begin_to_compare(follower, seen, true);
   }
 
@@ -163,13 +163,13 @@ class TiltCheck {
       comparison_ = {};
       trusted_ = trusted;
       phase_ = Phase::comparing;
-      tell(follower, seen);
+      update_doubt(follower, seen);
     }
   }
 
   // Ends the comparison when the poses have met, the events have decided, or the marker turns back.
   bool decide(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
-    const double between_rad = tell(follower, seen), tilt = seen.tilt();
+    const double between_rad = update_doubt(follower, seen), tilt = seen.tilt();
     const bool turns_back = tilt < least_tilt_, decided = comparison_.decided();
     if (!turns_back && !decided && between_rad > 2 * kAlike_rad) return false;
     const bool other_is_right = !turns_back && decided && comparison_.second_is_nearer();
@@ -179,8 +179,8 @@ class TiltCheck {
     return other_is_right;
   }
 
-  // Tells the follower of the other pose, and returns the angle between both.
-  double tell(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
+  // Tells the follower of the other pose, sets apart_rad_, and returns the angle between both poses.
+  double update_doubt(EdgeFollower<Rule>& follower, const SeenPlane& seen) noexcept {
     const Eigen::Isometry3d &T = follower.T_camera_marker(), &T_other = other_->T_camera_marker();
     const double between_rad = geodesic_angle(T.linear(), T_other.linear());
     const double probability = comparison_.probability_of_second();
@@ -203,11 +203,11 @@ class TiltCheck {
   // It was clearly tilted at some time since the start or the last decision. What was known of the side then holds
   // until it nearly faces the camera.
   bool was_tilted_ = false;
-  double asked_px_ = 0;    // size of the marker when `ask_again` last asked; 0 before it was judged
-  double least_tilt_ = 0;  // since it nearly faces the camera
-  double apart_rad_ = 0;   // how far the pose may be off, if it is tilted to the other side; 0 if it is not
-  int until_judged_ = 1;   // updates
-  bool trusted_ = false;   // while it faces the camera, and while both poses are followed
+  double compared_px_ = 0;  // size of the marker at the last `compare_grown`; 0 before it was judged
+  double least_tilt_ = 0;   // since it nearly faces the camera
+  double apart_rad_ = 0;    // how far the pose may be off by the wrong side; 0 while the side is not in doubt
+  int until_judged_ = 1;    // updates
+  bool trusted_ = false;    // while it faces the camera, and while both poses are followed
   PoseComparison comparison_;
 };
 
