@@ -15,11 +15,11 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 TEST_CASE("motion bound: none until it is measured, and none when it is lifted") {
   MotionBound bound;
-  CHECK_FALSE(bound.is_set());
+  CHECK_FALSE(bound.rates_known());
   CHECK(bound.most_px() == kInfinity);
   CHECK(bound.most_m() == kInfinity);
-  bound.set(400, 4);
-  CHECK(bound.is_set());
+  bound.set_event_rates(400, 4);
+  CHECK(bound.rates_known());
   CHECK(bound.most_m() == kInfinity);
   bound.measure(100, 0.01, 0, 1, 1000);
   CHECK(bound.most_px() < kInfinity);
@@ -31,7 +31,7 @@ TEST_CASE("motion bound: none until it is measured, and none when it is lifted")
 
 TEST_CASE("motion bound: eight times the way that so many events and three deviations of passages take") {
   MotionBound bound;
-  bound.set(400, 4);  // 400 events a pixel, in passages of 4
+  bound.set_event_rates(400, 4);  // 400 events a pixel, in passages of 4
   bound.measure(0, 0.01, 0, 1, 1000);
   CHECK(bound.most_px() == doctest::Approx(8 * 3 * 4 / 400.0).scale(0));
   bound.measure(96, 0.01, 0, 1, 1000);  // nearly the 100 over which the interval is taken
@@ -47,7 +47,7 @@ TEST_CASE("motion bound: eight times the way that so many events and three devia
 TEST_CASE("motion bound: steps of single events may not move farther than their events tell together") {
   constexpr double kShare = 0.01, kInterval_s = 1e-4;  // n = 1
   MotionBound bound;
-  bound.set(400, 4);
+  bound.set_event_rates(400, 4);
   const auto step = [&](int events, double dt) {
     bound.measure(events, dt, 0, kShare, 1000);
     return bound.most_px();
@@ -78,7 +78,7 @@ TEST_CASE("motion bound: limits process noise to the bound, and to ten turns") {
   MotionBound bound;
   const MotionStep step{.q_pose = {4, 8}, .q_cross = {2, 4}, .q_velocity = {1, 2}};
   CHECK(bound.limited(step, 1, kInfinity).q_pose == step.q_pose);
-  bound.set(1, 1);
+  bound.set_event_rates(1, 1);
   bound.measure(0, 1, 0, 1, 24);  // 1 m
   const MotionStep limited = bound.limited(step, 2, kInfinity);
   CHECK(2 * limited.q_pose[0] == doctest::Approx(1));

@@ -22,12 +22,12 @@ VelocityMemory fed(int events, double events_per_px = kEventsPerPx) {
 }
 
 std::array<double, 6> all_fading(VelocityMemory memory, double signal = 1) {
-  return memory.fading(kFastest, kSlowest, 1, 0, signal);
+  return memory.update_fading(kFastest, kSlowest, 1, 0, signal);
 }
 
 /// Of all axes, which must be alike.
 double fading(VelocityMemory memory, double velocity2 = 1, double variance = 0, double signal = 1) {
-  const std::array<double, 6> rates = memory.fading(kFastest, kSlowest, velocity2, variance, signal);
+  const std::array<double, 6> rates = memory.update_fading(kFastest, kSlowest, velocity2, variance, signal);
   for (const double rate : rates) CHECK(rate == doctest::Approx(rates[0]));
   return rates[0];
 }
@@ -40,7 +40,7 @@ void add_steps(VelocityMemory& memory, int steps, const Correct& correct) {
     for (double& part : put_back) part *= 0.001;
     memory.add_step(kVelocity, 0.999 * kVelocity, scaled(put_back, kVelocity));
     memory.add(20, kEventsPerPx, 1e-3, 0.1);
-    if (memory.is_due()) memory.fading(kFastest, kSlowest, 1, 0, 1);
+    if (memory.is_due()) memory.update_fading(kFastest, kSlowest, 1, 0, 1);
   }
 }
 
@@ -135,7 +135,7 @@ TEST_CASE("what is not finite is forgotten") {
   }
   SUBCASE("a velocity") {
     VelocityMemory memory;
-    const auto along_z = [&] { return memory.fading(kFastest, kSlowest, 1, 0, 1)[2]; };
+    const auto along_z = [&] { return memory.update_fading(kFastest, kSlowest, 1, 0, 1)[2]; };
     memory.add_step({{0, 0, std::numeric_limits<double>::infinity()}, {}}, {}, kVelocity);
     CHECK(along_z() == kFastest);
     memory.add_step(kVelocity, {}, kVelocity);

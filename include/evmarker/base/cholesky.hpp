@@ -6,9 +6,8 @@
 
 namespace evmarker {
 
-/// Cholesky's factors A = L L^T of a symmetric, positive definite N x N matrix. They and all solutions are not a number
-/// if A is not positive definite. For what a tracker solves: of Eigen's solvers of fixed size, each row is a dozen
-/// types that have to be compiled.
+/// Cholesky's factors A = L L^T of a symmetric, positive definite N x N matrix; if A is not positive definite,
+/// solutions are not finite. Eigen's solvers of fixed size take long to compile, a dozen types for each row.
 template <std::size_t N>
 class Cholesky {
  public:

@@ -97,18 +97,18 @@ class GridMatcher {
 
   /// True if an event may be near an edge; false if it is far from all of them. Requires `on_grid()`.
   [[gnu::always_inline]] bool reaches(Vec2 m) const noexcept {
-    return edge_choice_grid_.within(fringe_, edge_choice_grid_.sight(m));
+    return edge_choice_grid_.within(fringe_, edge_choice_grid_.grid_point(m));
   }
 
   /// Finds only the edge, without the points in space; requires `on_grid()`.
   [[gnu::always_inline]] Choice choose(Vec2 m) const noexcept {
-    const Sight sight = edge_choice_grid_.sight(m);
-    if (!edge_choice_grid_.within(fringe_, sight)) return {MatchResult::far};
-    const Lines lines = edge_choice_grid_.nearest_lines(sight);
+    const GridPoint at = edge_choice_grid_.grid_point(m);
+    if (!edge_choice_grid_.within(fringe_, at)) return {MatchResult::far};
+    const Lines lines = edge_choice_grid_.nearest_lines(at);
     Choice choice;
     if (try_choose(lines, choice)) [[likely]]
       return choice;
-    return choose_exactly(sight, lines);
+    return choose_exactly(at, lines);
   }
 
   /// What `choose_many` finds for each event: the number of its `stretch`, or one of the negative codes. Ambiguous
@@ -196,8 +196,8 @@ class GridMatcher {
 
   /// Decides about an event for which `choose_many` has found kUnsure.
   Choice choose_exactly(Vec2 m) const noexcept {
-    const Sight sight = edge_choice_grid_.sight(m);
-    return choose_exactly(sight, edge_choice_grid_.nearest_lines(sight));
+    const GridPoint at = edge_choice_grid_.grid_point(m);
+    return choose_exactly(at, edge_choice_grid_.nearest_lines(at));
   }
 
   /// Eqs. (1) to (5) for an event and the edge that it matches, at the present pose. `near` only if the edge points at
@@ -235,7 +235,7 @@ class GridMatcher {
   bool on_grid() const noexcept { return on_grid_; }
 
  private:
-  using Sight = ProjectedGrid::Sight;
+  using GridPoint = ProjectedGrid::GridPoint;
   using Lines = ProjectedGrid::Lines;
   using Line = ProjectedGrid::Line;
 
@@ -267,14 +267,14 @@ class GridMatcher {
   }
 
   // All other events: near two edges, an end of one, or none.
-  [[gnu::noinline]] Choice choose_exactly(const Sight& sight, const Lines& lines) const noexcept {
+  [[gnu::noinline]] Choice choose_exactly(const GridPoint& at, const Lines& lines) const noexcept {
     const std::size_t first = lines.squared[1] < lines.squared[0], second = 1 - first;
-    if (!(lines.squared[first] <= limit2_)) return {near_or_far(sight, lines)};
+    if (!(lines.squared[first] <= limit2_)) return {near_or_far(at, lines)};
     const EdgeAtFoot place = edge_at_foot(ProjectedGrid::line(lines, first));
     if (!place.edge) {
-      if (!(lines.squared[second] <= limit2_)) return {near_or_far(sight, lines)};
+      if (!(lines.squared[second] <= limit2_)) return {near_or_far(at, lines)};
       const EdgeAtFoot other = edge_at_foot(ProjectedGrid::line(lines, second));
-      if (!other.edge) return {near_or_far(sight, lines)};
+      if (!other.edge) return {near_or_far(at, lines)};
       return {other.tie ? MatchResult::ambiguous : MatchResult::matched, other.edge};
     }
     const double rival = std::sqrt(lines.squared[first]) + ambiguity_;
@@ -304,9 +304,9 @@ class GridMatcher {
     const Stretch& before = grid_->stretch(line.coordinate, static_cast<int>(line.k), point - 1);
     const Stretch& after = grid_->stretch(line.coordinate, static_cast<int>(line.k), point);
     if (before.segment == after.segment) return {edge_or_null(after), false};
-    // How far the foot is past the point, times foot_w; at_point() scales the margin in the same way.
+    // How far the foot is past the point, times foot_w; scaled_way() scales the margin in the same way.
     const double beyond = line.foot_a - point * line.foot_w;
-    if (!(std::abs(beyond) <= edge_choice_grid_.at_point(line, point, end_margin_)))
+    if (!(std::abs(beyond) <= edge_choice_grid_.scaled_way(line, point, end_margin_)))
       return {edge_or_null(beyond < 0 ? before : after), false};
     return {edge_or_null(before) ? edge_or_null(before) : edge_or_null(after),
             edge_or_null(before) && edge_or_null(after)};
@@ -315,14 +315,14 @@ class GridMatcher {
   static const Stretch* edge_or_null(const Stretch& stretch) noexcept { return stretch.dark != 0 ? &stretch : nullptr; }
 
   // Of an event that is not matched: `near` if any edge is within three times the maximal distance.
-  [[gnu::noinline]] MatchResult near_or_far(const Sight& sight, const Lines& lines) const noexcept {
+  [[gnu::noinline]] MatchResult near_or_far(const GridPoint& at, const Lines& lines) const noexcept {
     const auto beside = [&](const Line& line) { return line.squared < 9 * limit2_ && edge_at_foot(line).edge; };
     if (beside(ProjectedGrid::line(lines, 0)) || beside(ProjectedGrid::line(lines, 1))) return MatchResult::near;
     for (std::size_t coordinate = 0; coordinate < 2; ++coordinate) {
-      const double from = std::max(0.0, std::ceil(sight.a[coordinate] / sight.w - fringe_));
-      const double to = std::min(edge_choice_grid_.cells(), sight.a[coordinate] / sight.w + fringe_);
+      const double from = std::max(0.0, std::ceil(at.a[coordinate] / at.w - fringe_));
+      const double to = std::min(edge_choice_grid_.cells(), at.a[coordinate] / at.w + fringe_);
       for (double k = from; k <= to; ++k)
-        if (beside(edge_choice_grid_.line(coordinate, k, sight))) return MatchResult::near;
+        if (beside(edge_choice_grid_.line(coordinate, k, at))) return MatchResult::near;
     }
     return MatchResult::far;
   }

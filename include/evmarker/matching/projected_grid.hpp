@@ -17,7 +17,7 @@ namespace evmarker {
 /// one number, or a pair of numbers for two lines.
 template <typename Number>
 struct GridLine {
-  Number e;                   ///< value of the line's equation (row - k row_w) (m; 1) at the event
+  Number e;                   ///< equation of line k, (row - k row_w) (m; 1) with the rows of H^-1, at the event
   Number normal_x, normal_y;  ///< normal toward larger coordinates, not of unit length
   Number norm2;               ///< squared length of the normal; the squared distance is e^2 / norm2
   Number foot_a, foot_w;      ///< the foot's homogeneous coordinate along the line; its image is m - e / norm2 normal
@@ -37,6 +37,7 @@ template <typename Number>
   line.normal_x = row_x - k * w_x;
   line.normal_y = row_y - k * w_y;
   line.norm2 = line.normal_x * line.normal_x + line.normal_y * line.normal_y;
+  // `along` and w at the foot m - e / norm2 normal, both times norm2 in place of a division.
   line.foot_a = line.norm2 * a_along - line.e * (along_x * line.normal_x + along_y * line.normal_y);
   line.foot_w = line.norm2 * w - line.e * (w_x * line.normal_x + w_y * line.normal_y);
   return line;
@@ -96,17 +97,17 @@ class ProjectedGrid {
   /// so that it changes rarely while the marker moves.
   double bound_rate(double reach) noexcept {
     const double z_far = corner_.z + std::max(cells_ * steps_[0].z, 0.0) + std::max(cells_ * steps_[1].z, 0.0);
-    // w = determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
-    const double w = determinant_ - reach * z_far * (std::abs(row_w_.x) + std::abs(row_w_.y));
+    // w is determinant / z on the marker; its least value, times z_far, where an event may still be near an edge.
+    const double w_times_z = determinant_ - reach * z_far * (std::abs(row_w_.x) + std::abs(row_w_.y));
     // Grid coordinates change by at most |row - k row_w| / w per tangent; the largest is that of an outermost line.
     double steepest = 0;
     for (const double k : {-1.0 * kMaxFringe, cells_ + kMaxFringe})
       for (std::size_t i = 0; i < 2; ++i)
         steepest = std::max(steepest, squared_norm(Vec2(rows_[0][i] - k * row_w_.x, rows_[1][i] - k * row_w_.y)));
-    const double squared = z_far * z_far * steepest;
+    const double needed2 = z_far * z_far * steepest, kept2 = rate_ * rate_ * w_times_z * w_times_z;  // of rate w z
     // The bound leaves room for small motions, so that it need not be computed, with a root and a division, every time.
-    const double squared_bound = rate_ * rate_ * w * w;
-    if (!(w > 0 && squared <= squared_bound && squared_bound <= 1.3 * squared)) rate_ = 1.05 * std::sqrt(squared) / w;
+    const bool holds = w_times_z > 0 && rate_ > 0 && needed2 <= kept2 && kept2 <= 1.3 * needed2;
+    if (!holds) rate_ = 1.05 * std::sqrt(needed2) / w_times_z;
     return rate_;
   }
   /// The bound that `bound_rate` computed last.
@@ -124,25 +125,25 @@ class ProjectedGrid {
   const Vec3& row_w() const noexcept { return row_w_; }
 
   /// The point where an event's line of sight meets the marker's plane, in homogeneous grid coordinates (a; w).
-  struct Sight {
+  struct GridPoint {
     simd::Pair a;
     double w;
   };
 
   /// @param m line of sight (m; 1)
-  [[gnu::always_inline]] Sight sight(Vec2 m) const noexcept {
+  [[gnu::always_inline]] GridPoint grid_point(Vec2 m) const noexcept {
     return {column(0) * m.x + column(1) * m.y + column(2), row_w_.x * m.x + row_w_.y * m.y + row_w_.z};
   }
 
   /// True if an event is on the marker or less than `fringe` cells beside it.
   // Without a division, which would delay the branch that depends on the result and that is often mispredicted.
-  [[gnu::always_inline]] bool within(double fringe, const Sight& s) const noexcept {
+  [[gnu::always_inline]] bool within(double fringe, const GridPoint& s) const noexcept {
     const simd::Pair from_centre = s.a - centre_ * s.w;
     return simd::larger(std::abs(from_centre[0]), std::abs(from_centre[1])) < (centre_ + fringe) * s.w;
   }
 
   /// 1/Z [1/m] of the point where an event's line of sight meets the marker's plane.
-  double inverse_depth(const Sight& s) const noexcept { return s.w / determinant_; }
+  double inverse_depth(const GridPoint& s) const noexcept { return s.w / determinant_; }
 
   /// Adding this to a number and subtracting it again rounds the number to an integer.
   // SSE2 has no instruction for rounding, and a conversion to an integer and back takes longer.
@@ -150,13 +151,14 @@ class ProjectedGrid {
   /// The integer from the last bits of the sum of a number and kRounding.
   static int rounded(double sum) noexcept { return static_cast<int>(std::bit_cast<std::int64_t>(sum)); }
 
-  /// The vertical and the horizontal line nearest to an event, and the event's feet on them.
+  /// The vertical and the horizontal line nearest to an event in grid coordinates, which within half a cell are the
+  /// nearest in the image, too, and the event's feet on them.
   struct Lines : GridLine<simd::Pair> {
     simd::Pair k, k_sum;  ///< numbers of the lines, and these with kRounding added
     simd::Pair squared;   ///< squared distances [tangent^2]
   };
 
-  [[gnu::always_inline]] Lines nearest_lines(const Sight& s) const noexcept {
+  [[gnu::always_inline]] Lines nearest_lines(const GridPoint& s) const noexcept {
     Lines lines;
     lines.k_sum = simd::smaller(simd::larger(s.a / s.w, simd::Pair{}), simd::Pair{} + cells_) + kRounding;
     lines.k = lines.k_sum - kRounding;
@@ -179,16 +181,16 @@ class ProjectedGrid {
   }
 
   /// Line `k` of a coordinate, be it near the event or not.
-  Line line(std::size_t coordinate, double k, const Sight& s) const noexcept {
+  Line line(std::size_t coordinate, double k, const GridPoint& s) const noexcept {
     const std::size_t along = 1 - coordinate;
     const GridLine<double> line = grid_line(k, rows_[0][coordinate], rows_[1][coordinate], rows_[0][along],
                                             rows_[1][along], row_w_.x, row_w_.y, s.a[coordinate], s.a[along], s.w);
     return {coordinate, k, line.norm2, line.e * line.e / line.norm2, line.foot_a, line.foot_w};
   }
 
-  /// By how much `foot_a - point foot_w` changes when a foot near grid point `point` of the line moves along the line
-  /// by `way` in the image [tangent].
-  double at_point(const Line& line, int point, double way) const noexcept {
+  /// A way [tangent] along the line, near its grid point `point`, in units of foot_a - point foot_w: the cross product
+  /// of two rows of H^-1, as it is kept, is the determinant times that point in the camera frame.
+  double scaled_way(const Line& line, int point, double way) const noexcept {
     const double z = steps_[line.coordinate].z * line.k + steps_[1 - line.coordinate].z * point + corner_.z;
     return way * determinant_ * z * std::sqrt(line.norm2);
   }

@@ -1,5 +1,5 @@
 #pragma once
-// Estimates which of the events that match edges are background, from the events beside the edges and from polarities.
+// Estimates how many of the events that match edges are background, by the events beside the edges and by polarities.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,20 +12,21 @@ namespace evmarker {
 
 /// Estimates how surely the events that match a wireframe's edges come from moving edges, not background. At rest all
 /// events near the wireframe are background: they lie on its edges by chance, and beside them just as densely. While it
-/// moves, few events lie beside the edges of a large marker. Beside those of a small one lie many that it made itself,
-/// of which as many match its other edges by chance; they are no noise. The more polarities fit the motion, the less
-/// noise there can be, and there is no more of it than there were events in all a moment ago. For a moment, many events
-/// also lie beside the edges when the marker moves faster than the pose follows.
+/// moves, few events lie beside the edges of a large marker. A small one's own events also lie beside its edges, and
+/// match wrong ones by chance as background does, but are no noise. The more polarities fit the motion, the less noise
+/// there can be, and its rate is at most the lowest that matched events had lately. For a moment, many events also lie
+/// beside the edges when the marker moves faster than the pose follows.
 class BackgroundShare {
  public:
   /// Sets how background is distributed.
   /// @param share the share of a uniform background near the wireframe that matches its edges
   void expect_matching(double share) noexcept { matching_to_others_ = share / std::max(1 - share, kLeast); }
 
-  /// Adds the numbers of events near the wireframe since the last call, and the time of the last one [us].
+  /// Adds the numbers of events near the wireframe since the last call. The first call only tells when they begin.
   /// @param others events that matched no edge
+  /// @param t time of the last event [us]
   void add(int matched, int others, Timestamp t) noexcept {
-    if (!std::exchange(begun_, true)) {  // since when these events came is not known
+    if (!std::exchange(begun_, true)) {  // when these events began is not known
       t_us_ = static_cast<double>(t);
       return;
     }
@@ -41,15 +42,15 @@ class BackgroundShare {
   MatchedBackground measure(Timestamp t, MovingShare moving) noexcept {
     const double now_us = static_cast<double>(t), dt_us = std::max(1.0, now_us - t_us_);
     t_us_ = now_us;
-    // Of the events beside the edges, those that are noise: at most as many as there were when there were the fewest,
-    // and where polarities show a motion, as many as these allow.
+    // Of the events beside the edges, the most that can be noise: by the lowest rate of matched events, and where
+    // polarities show a motion, by these.
     const double by_polarities = (1 - moving.likely) * matched_ / matching_to_others_,
                  by_fewest = least_rate_.most_noise(matched_, dt_us) / matching_to_others_,
-                 noise = std::min({1.0 * others_, by_fewest, moving.least > 0 ? by_polarities : by_fewest});
+                 others_noise = std::min({1.0 * others_, by_fewest, moving.least > 0 ? by_polarities : by_fewest});
     const double matched_by_chance = matching_to_others_ * usual_others_.limited(others_, dt_us),
-                 matched_noise = matching_to_others_ * usual_noise_.limited(noise, dt_us);
+                 matched_noise = matching_to_others_ * usual_noise_.limited(others_noise, dt_us);
     usual_others_.add(others_, dt_us);
-    usual_noise_.add(noise, dt_us);
+    usual_noise_.add(others_noise, dt_us);
     const Excess now{1.0 * matched_, matched_ - matched_noise, matched_noise * (1 + matching_to_others_)};
     // Slow motion is not significant in so few events, but in the sum over all since the last fast motion.
     lately_ = now.signal() < 0.5 ? lately_.faded_plus(now) : Excess();
@@ -64,7 +65,7 @@ class BackgroundShare {
   // A running mean of the rate of events.
   class UsualRate {
    public:
-    // Of so many events in dt_us, at most twice as many as usual: more of them beside the edges have another cause.
+    // `events` in dt_us, but at most twice as many as usual, 0 at first: what is beyond has another cause.
     double limited(double events, double dt_us) const noexcept { return std::min(events, 2 * per_us_ * dt_us); }
     void add(double events, double dt_us) noexcept {
       per_us_ += dt_us / (dt_us + known_us_) * (events / dt_us - per_us_);
@@ -89,13 +90,13 @@ class BackgroundShare {
     }
 
    private:
-    static constexpr double kMemory_us = 2000000;  // in this time, noise may double
+    static constexpr double kMemory_us = 2000000;  // in this time, noise may grow by a factor of e
     static constexpr double kSurelyOfMany = 5;     // standard deviations: it is the least of hundreds of numbers
     double per_us_ = std::numeric_limits<double>::infinity();
   };
 
-  // Matched events, their excess over the background expected on the edges, and the variance of that excess: of a
-  // background of B events B itself, and r B as it is estimated by B / r others, r = matching_to_others_.
+  // Matched events, their excess over the background expected on the edges, and the variance of that excess, for B
+  // events of background B + r B: their own, and that of the estimate r times others, r = matching_to_others_.
   struct Excess {
     double matched = 0, excess = 0, variance = 0;
     // Weight of the events, from 1 if at least half of them are surely from moving edges to 0 if none surely is.

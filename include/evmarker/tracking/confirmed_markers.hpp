@@ -55,7 +55,8 @@ class ConfirmedMarkers {
 
   /// Queues the event; its markers get it at the next `flush` at the latest. Where markers overlap, their poses decide
   /// which one hides which, so that queued events that may change one of these poses are flushed first.
-  /// @param number of the event, below 65536; `use(pose, number)` is called with that of the event that led to the pose
+  /// @param number of the event in its batch, below 65536, as 16 bits are kept; `use(pose, number)` is called with that
+  /// of the event that led to the pose
   template <std::invocable<const PoseEstimate&, std::size_t> Use>
   void enqueue(const Event& event, std::size_t number, const Use& use) {
     if (tiles_.shared(event, lines_of_sight_)) [[unlikely]]

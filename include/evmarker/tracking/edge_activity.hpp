@@ -35,7 +35,8 @@ class EdgeActivity {
         swept_before_(counts_.size()),
         begin_(counts_.size()),
         end_(counts_.size()) {
-    for (const MarkerSegment& segment : model.segments) printed_ = printed_ && !segment.dark_side.isZero();
+    for (const MarkerSegment& segment : model.segments)
+      dark_sides_known_ = dark_sides_known_ && !segment.dark_side.isZero();
   }
 
   /// What the edges did from one evaluation to the next.
@@ -109,7 +110,7 @@ class EdgeActivity {
   static constexpr double kJitter_px = 0.5;   // by errors of the pose, an edge may seem to move so far
   static constexpr double kLong_px = 8;       // of a shorter edge, blur reaches the middle half
   static constexpr double kHidden = 0.1;      // share of its usual events seen at a hidden edge, made by what hides it
-  static constexpr double kMost = 3;          // limit of one edge's log ratio: its contrast may have changed
+  static constexpr double kMost = 3;          // limit of an edge's log ratio if hidden: its contrast may have changed
   static constexpr double kKept = 0.9;        // of the history, at every evaluation
   static constexpr double kLeastRate = 1e-6;  // [1/px^2]
   static constexpr double kGrazing = 0.3;     // cosine of the angle between a side's normal and the line of sight
@@ -127,8 +128,9 @@ class EdgeActivity {
     double events = 0, swept_px2 = 0;
   };
 
-  // True if the edges rest and there are twice as many events as they make over a pixel of motion: kept, these would
-  // later be taken for the edges' own. Not while edges move: a pixel may then make more events than it used to.
+  // True if the edges rest and there are twice as many events as they make over a pixel of motion. If these were kept,
+  // they would later be taken for the edges' own. False while edges move: a pixel may then make more events than
+  // before.
   bool events_are_background(double swept_px2, double length_px) const noexcept {
     double all = 0;
     for (const Count& count : counts_) all += count.events;
@@ -137,8 +139,7 @@ class EdgeActivity {
 
   // Sums up what all edges tell of the interval, and adds their events to their histories.
   Interval judge_motion(double swept_px2) noexcept {
-    // All events, and the part that confirms the motion: each edge's events, times the share that they are of those
-    // expected, at most 1.
+    // All events, and those that confirm the motion: the sum of n min(1, n / expected) over edges of n events.
     double all = 0, confirming = 0;
     for (std::size_t i = 0; i < end_.size(); ++i) {
       if (!in_sight(i)) continue;
@@ -205,7 +206,7 @@ class EdgeActivity {
   }
   // True if an edge without events is evidence: at once on a printed marker, on any other body after enough motion.
   bool expected_to_make_events(std::size_t i, double length_px) const noexcept {
-    return printed_ || history_[i].swept_px2 > 3 * length_px;
+    return dark_sides_known_ || history_[i].swept_px2 > 3 * length_px;
   }
 
   // An edge in the image. Without length if its face is turned away, or nearly so: edges of such a face are too close
@@ -260,16 +261,16 @@ class EdgeActivity {
   }
 
   double focal_length_;
-  int events_to_evaluate_;     // from one evaluation to the next
-  bool printed_ = true;        // all dark sides are known: one mean rate will do for all edges
-  std::vector<Count> counts_;  // of every segment, in this interval
+  int events_to_evaluate_;        // from one evaluation to the next: some for every edge
+  bool dark_sides_known_ = true;  // of all edges, as on printed markers: one mean rate will do for all
+  std::vector<Count> counts_;     // of every segment, in this interval
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
   EdgeContrasts contrasts_;
   std::vector<double> swept_before_;  // by every edge in the interval before, as `swept_to_right`
   std::vector<Edge> begin_, end_;     // the edges at the begin and the end of the interval; none before the first
   Timestamp begin_t_ = 0;
-  double mean_rate_ = 0;  // events per swept area [1/px^2], 0 before the first evaluation
+  double mean_rate_ = 0;  // events per swept px^2, so per pixel passed; 0 before the first evaluation
   int total_ = 0;         // events since the last call of `evaluate` or `restart`
 };
 

@@ -16,21 +16,22 @@ template <PoseUpdateRule Rule>
 class MissingMarkers {
  public:
   explicit MissingMarkers(std::size_t max_markers) : max_markers_(max_markers) {
-    // From one request of a detection to the next: those that were missing before, those lost until the result, and
-    // those that it adds.
+    // Most between two requests of a detection: those missing before, those lost before its result, and those that the
+    // result adds and that are lost again.
     markers_.reserve(3 * max_markers);
   }
 
   bool empty() const noexcept { return markers_.empty(); }
 
-  /// Moves the lost ones of the confirmed markers here, also where a batch has lost several. True if there were any.
+  /// Moves the lost ones of the confirmed markers here, in the order of their losses, however many a batch has lost.
+  /// True if there were any.
   bool add_lost_of(ConfirmedMarkers<Rule>& confirmed) {
-    const auto age = [](const PlanarHypotheses<Rule>& marker) {
+    const auto lost_at = [](const PlanarHypotheses<Rule>& marker) {
       return std::pair(marker.tracker().estimate().t, marker.id());
     };
     const std::size_t before = markers_.size();
     confirmed.remove_lost([&](PlanarHypotheses<Rule>& marker) {
-      markers_.insert(std::ranges::upper_bound(markers_, age(marker), {}, age), std::move(marker));
+      markers_.insert(std::ranges::upper_bound(markers_, lost_at(marker), {}, lost_at), std::move(marker));
     });
     return markers_.size() > before;
   }

@@ -10,7 +10,7 @@ inline constexpr double kQuietZone = 1;  ///< width of the white border that eve
 /// Inverse depth 1/Z [1/m] of the point where the line of sight (m; 1) meets the plane of a code marker. Not positive
 /// if they do not meet in front of the camera; 0 if the marker is not matched by its grid at the present pose.
 inline double inverse_depth(const GridMatcher& matcher, Vec2 m) noexcept {
-  return matcher.on_grid() ? matcher.projected().inverse_depth(matcher.projected().sight(m)) : 0;
+  return matcher.on_grid() ? matcher.projected().inverse_depth(matcher.projected().grid_point(m)) : 0;
 }
 
 /// True if the line of sight (m; 1) meets the marker's sheet, or passes it within the matching distance, where events
@@ -19,7 +19,7 @@ inline bool on_sheet(const GridMatcher& matcher, Vec2 m) noexcept {
   const ProjectedGrid& grid = matcher.projected();
   const double border = grid.cells() > 1 ? kQuietZone : 0;
   const double edge = grid.rate() * matcher.max_distance_px() / matcher.focal_length();
-  return matcher.on_grid() && grid.within(border + edge, grid.sight(m));
+  return matcher.on_grid() && grid.within(border + edge, grid.grid_point(m));
 }
 
 /// Inverse depth [1/m] at which the sheet of a marker blocks the line of sight (m; 1); 0 if it does not, if the tracker

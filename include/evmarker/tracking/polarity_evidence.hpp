@@ -15,15 +15,16 @@ class PolarityEvidence {
   /// @param events of edges that moved
   /// @param contradicting how many of them have the wrong polarity
   /// @param events_per_passage of one pixel, which come together and are one piece of evidence
-  /// @param is_usual the marker is surely followed: this share is learned as the usual one
-  double log_likelihood_ratio(double events, double contradicting, double events_per_passage, bool is_usual) noexcept {
+  /// @param surely_followed learn the share of these events that contradicts as the usual one
+  double log_likelihood_ratio(double events, double contradicting, double events_per_passage,
+                              bool surely_followed) noexcept {
     if (events == 0) return 0;
     const double share = contradicting / events;
     const double right = std::clamp(usual_share_, kLeastUsual, kContradictByChance);
     const double wrong = right + kFromOtherEdges * (kContradictByChance - right);
     const double of_one = share * std::log(wrong / right) + (1 - share) * std::log((1 - wrong) / (1 - right));
     const bool first = known_events_ == 0;
-    if (first || is_usual) {
+    if (first || surely_followed) {
       known_events_ = std::min(known_events_ + events, kMemory);
       usual_share_ += std::min(1.0, events / known_events_) * (share - usual_share_);
     }

@@ -20,13 +20,13 @@ namespace evmarker {
 template <PoseUpdateRule Rule>
 class TentativeMarker {
  public:
-  /// @param events_in_frame number in the history of the first event after the detection's frame
-  TentativeMarker(PlanarHypotheses<Rule> marker, std::uint64_t events_in_frame, const EventHistory& history)
-      : marker_(std::move(marker)), next_(events_in_frame), result_at_(history.pushed()) {}
+  /// @param first_after_frame number in the history of the first event after the detection's frame
+  TentativeMarker(PlanarHypotheses<Rule> marker, std::uint64_t first_after_frame, const EventHistory& history)
+      : marker_(std::move(marker)), next_(first_after_frame), result_at_(history.pushed()) {}
 
-  /// Gives the tracker the next events of the history, at most `events`. A tentative marker gets all of its events this
-  /// way, so only those that have passed the noise filter; a few for each new event, so that a slow detector's result
-  /// does not hold up the markers that are being tracked.
+  /// Gives the tracker the next events of the history, at most `events`. All events of a tentative marker come from
+  /// there, so that it gets only those that have passed the noise filter. To be called with few for each new event, so
+  /// that replaying does not hold up the markers that are being tracked.
   void catch_up(const EventHistory& history, int events, TrackerStatistics& statistics) {
     if (!history.reaches(next_)) {
       ++statistics.replays_cut;
@@ -106,8 +106,7 @@ class TentativeMarkers {
       if (tentative.request_sighting(history))
         request.unconfirmed.push_back({tentative.marker().id(), tentative.marker().tracker().T_camera_marker()});
   }
-  /// Adds the sightings of the last request. Since then, no marker of that request may have been removed, and none
-  /// added.
+  /// Adds the sightings of the last request, in its order: since then, none of its markers may have been removed.
   void add(const std::vector<Sighting>& sightings) {
     std::size_t i = 0;
     for (TentativeMarker<Rule>& tentative : markers_)

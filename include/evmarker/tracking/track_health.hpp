@@ -39,7 +39,8 @@ class TrackHealth {
  public:
   /// @throws std::invalid_argument naming the setting that is out of range
   TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings)
-      : bound_(-std::log(settings.false_alarm_rate) / 2), activity_(model, focal_length) {
+      : bound_(-std::log(settings.false_alarm_rate) / 2),  // 2 bound_ from full confidence to a loss
+        activity_(model, focal_length) {
     validate(settings);
     restart(0);
   }
@@ -68,15 +69,15 @@ class TrackHealth {
     if (matched_ + near_ == 0) return;
     const double dt_us = std::max(0.0, static_cast<double>(t) - t_us_);
     const double background = near_per_us_ * dt_us;
-    // Beyond twice the usual background and two standard deviations of the usual one.
+    // Beyond twice the usual background, and twice the standard deviation of its number.
     const double excess_near = std::max(0.0, near_ - 2 * background - 2 * std::sqrt(background));
     const double chance_matches = kMatchedToNear * (near_ - excess_near);
-    // Standard deviation of the difference between the chance matches and their estimate by the near events: both
-    // numbers are random.
+    // Of the difference between the matches by chance, c of them, and their estimate by the near events, r times c / r:
+    // their variances are c and r c.
     const double deviation = std::sqrt((1 + kMatchedToNear) * chance_matches);
     const double excess_matched = std::max(0.0, matched_ - chance_matches - 3 * deviation);
-    // The matching share of a marker that is followed, for the likelihood: half way between chance and the usual one,
-    // so that it may be worse than usual.
+    // The share that the likelihood assumes of a marker that is followed: half way from the usual one to chance, so
+    // that a share a little below the usual one is not yet a loss.
     const double expected = (usual_share_ + kChanceShare) / 2;
     // The events of one pixel in one passage come together and are one piece of evidence.
     const double pieces_per_event = 1 / std::clamp(activity_.events_per_passage(), 1.0, 10.0);
@@ -169,7 +170,7 @@ class TrackHealth {
   }
   double log_odds(LossReason reason) const noexcept { return log_odds_[static_cast<std::size_t>(reason)]; }
 
-  // By the logarithm of how much likelier the evidence is if the marker is lost.
+  // @param evidence_of_loss logarithm of how much likelier the evidence is if the marker is lost
   void judge(double evidence_of_loss, LossReason reason) noexcept {
     double& log_odds = log_odds_[static_cast<std::size_t>(reason)];
     log_odds = std::min(log_odds - evidence_of_loss, bound_);
@@ -184,9 +185,10 @@ class TrackHealth {
 
   void forget_matches() noexcept { matched_ = near_ = 0; }
 
-  double bound_;                                 // of the logarithm of the odds, to both sides
-  std::array<double, kLossReasons> log_odds_{};  // that it is not lost, by LossReason; the first is unused
-  double polarity_log_odds_ = 0;                 // that the pose is right, by the polarities; it stays above -bound_
+  double bound_;  // of the logarithm of the odds, to both sides
+  // That it is not lost, by LossReason; bound_ for a reason without a test.
+  std::array<double, kLossReasons> log_odds_{};
+  double polarity_log_odds_ = 0;  // that the pose is right, by the polarities; it stays above -bound_
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;

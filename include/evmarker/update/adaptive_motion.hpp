@@ -63,13 +63,13 @@ class AdaptiveMotion {
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   void choose_fading(double signal, const KalmanState& state, double lever2) noexcept {
     constexpr double kFasterInNoise = 1.4;
-    fading_ = velocity_memory_.fading(std::lerp(kFasterInNoise, 1.0, signal) / memory_s_, 1 / confirmed_memory_s_,
-                                      squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r),
-                                      state.speed_variance(lever2), signal);
+    fading_ = velocity_memory_.update_fading(
+        std::lerp(kFasterInNoise, 1.0, signal) / memory_s_, 1 / confirmed_memory_s_,
+        squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r), state.speed_variance(lever2), signal);
   }
 
   /// Switches on the bound of the motion by the number of events, see MotionBound::set.
-  void bound_by_events(double per_px, double per_passage) noexcept { bound_.set(per_px, per_passage); }
+  void bound_by_events(double per_px, double per_passage) noexcept { bound_.set_event_rates(per_px, per_passage); }
   /// Takes the bound away until the next `limit`.
   void lift_bound() noexcept { bound_.lift(); }
   const MotionBound& bound() const noexcept { return bound_; }
@@ -81,7 +81,7 @@ class AdaptiveMotion {
   void limit(KalmanState& state, int events, double dt, double noise_per_s,
              const MeasurementStatistics& statistics) noexcept {
     bound_.lift();
-    if (!(bound_.is_set() && statistics.known())) return;
+    if (!(bound_.rates_known() && statistics.known())) return;
     const double lever2 = statistics.lever2();
     bound_.measure(events, dt, noise_per_s, statistics.share(), std::sqrt(statistics.gradient2()));
     const double carried_s = carried(dt, *std::ranges::min_element(fading_));  // along the axis that fades slowest

@@ -73,8 +73,8 @@ class KalmanMeasurements {
  private:
   static constexpr std::size_t kMost = MeasurementRows::kMost, kNumbers = MeasurementRows::kNumbers,
                                kStates = MeasurementRows::kStates;
-  static constexpr int kFew = 12;  // measurements; by timing, more are faster condensed
-  // Where there are squares, more than these have been added, so that `correct` never leaves the squares out.
+  static constexpr int kFew = 12;  // measurements; with more, condensing them first is faster, by timing
+  // There are squares only of more than kFew measurements, so that `correct` never leaves them out.
   static_assert(kMost - simd::kLanes >= static_cast<std::size_t>(kFew));
   static constexpr double kRounding = 1e-14;  // relative error that rounding may leave of a sum of squares
 
@@ -130,7 +130,7 @@ class KalmanMeasurements {
   // L^T, where S is the sum of w [J; d] [J; d]^T, and their weights are on the diagonal of D. A direction without
   // information gets weight 0.
   [[gnu::noinline]] void condense() noexcept {
-    double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];
+    double S[kNumbers][kNumbers], L[kNumbers][kNumbers], D[kNumbers];  // S[k], L[k]: column k
     std::size_t place = 0;
 #pragma GCC unroll 10
     for (std::size_t k = 0; k < kNumbers; ++k)

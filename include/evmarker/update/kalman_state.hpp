@@ -1,5 +1,5 @@
 #pragma once
-// What the Kalman filter knows beside the pose: velocity, biases, and the covariance of all.
+// The Kalman filter's velocity, and the covariance of pose, velocity and biases.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,9 +14,9 @@
 
 namespace evmarker {
 
-/// Twist, covariance of the error state [pose; velocity; biases] and what changes both. They are those at the mean time
-/// of the last events; from there, the pose has been moved on to the last of them. Perturbations act on the left, in
-/// the camera frame, rotations about the marker's origin.
+/// Twist and covariance of the error state [pose; velocity; biases], at the mean time of the last update's events; the
+/// pose, which is kept elsewhere, is ahead of that by `lead`, at the last of these events. Perturbations act on the
+/// left, in the camera frame, rotations about the marker's origin.
 struct KalmanState {
   /// From the state's own time to the pose's.
   struct Lead {
@@ -41,13 +41,14 @@ struct KalmanState {
       for (int i = 6; i < 12; ++i) column(i) *= factor;
   }
 
-  /// Goes over to mirrored time, in which the state's own time is after the pose's.
+  /// Goes over to mirrored time, in which the state's own time is after the pose's: `lead.motion` stays, as the pose is
+  /// where it was.
   void reverse() noexcept {
     lead.s = -lead.s;
     scale_velocity(-1);
   }
 
-  /// Goes over to another pose, whose motions are J times those of this one.
+  /// Goes over to another pose; J maps perturbations of this one to those of the other.
   void transform(const Matrix6d& J) noexcept {
     twist = product(J, twist);
     lead.motion = product(J, lead.motion);
@@ -67,7 +68,8 @@ struct KalmanState {
     for (Vector12d& column : P.xb) transform_column(column.data());
   }
 
-  /// Variance of the speed of the edges, summed over the three axes [m^2/s^2].
+  /// About the variance of the edges' velocity, summed over the three axes, as if all levers were at right angles to
+  /// the rotation [m^2/s^2].
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   double speed_variance(double lever2) const noexcept {
     const double of_translation = P.xx(6, 6) + P.xx(7, 7) + P.xx(8, 8),
@@ -75,20 +77,22 @@ struct KalmanState {
     return of_translation + lever2 * of_rotation;
   }
 
-  /// Predicts twist and covariance over a step; the pose moves by motion.moved(twist) with the twist before.
+  /// Predicts twist and covariance over a step. The caller moves the pose, by motion.moved(twist), before this call.
   /// @param q density of the white acceleration along each axis
   void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P.predict<bits>(motion, q); });
     twist = scaled(motion.velocity_kept, twist);
   }
 
-  /// Adds a random walk to the biases; they are never less known than at first.
-  void let_biases_drift(double variance, const std::array<double, kBiases>& at_first) noexcept {
+  /// Lets the biases walk at random; their variances do not grow beyond the initial ones.
+  /// @param variance added to each [px^2, px^2, ms^2]
+  void let_biases_drift(double variance, const std::array<double, kBiases>& initial_variances) noexcept {
     for (std::size_t b = 0; b < kBiases; ++b)
-      P.bb[b][b] = std::max(P.bb[b][b], std::min(P.bb[b][b] + variance, at_first[b]));
+      P.bb[b][b] = std::max(P.bb[b][b], std::min(P.bb[b][b] + variance, initial_variances[b]));
   }
 
-  /// Covariance of the pose after a step from the state's own time: the pose's block of F P F^T + Q.
+  /// Adds to `pose`, the pose's block of P, what a step from the state's own time adds to it: it becomes that of
+  /// F P F^T + Q.
   void add_motion(Matrix6d& pose, const MotionStep& motion, const std::array<double, 6>& q) const noexcept {
     const auto carried = [&](int i) { return motion.pose_by_velocity[static_cast<std::size_t>(i)]; };
     for (int k = 0; k < 6; ++k) {

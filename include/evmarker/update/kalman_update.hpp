@@ -300,7 +300,7 @@ class KalmanUpdate {
       model_.spread_px2 = statistics_.spread_px2();
       // By the number of events or, until it is known how many a passage has, by the velocity.
       const MotionBound& bound = motion_.bound();
-      errors_.add_motion(bound.is_set() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
+      errors_.add_motion(bound.rates_known() ? bound.px(count) : px_per_s() * dt, statistics_.spread_px2());
     }
     motion_.add_events(count, dt, background_.signal_weight, state_, statistics_);
     motion_.limit(state_, count, dt, background_.noise_per_s, statistics_);
@@ -356,7 +356,7 @@ class KalmanUpdate {
   void measure_errors() noexcept {
     const MotionBound& bound = motion_.bound();
     errors_.measure(statistics_.spread_px2(), px_per_s(), background_.signal_weight == 1,
-                    bound.is_set() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
+                    bound.rates_known() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
   }
 
   // Gives the model the motion: by it, it tells events of moving edges from noise, and where late ones lie.

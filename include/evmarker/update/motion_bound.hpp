@@ -12,25 +12,24 @@ namespace evmarker {
 /// Bounds the motion of the edges by the number of events: few events mean little motion.
 class MotionBound {
  public:
-  /// Switches the bound on.
+  /// Sets how many events a motion makes; before, there is no bound.
   /// @param per_px events that all edges together make while they move by a pixel
   /// @param per_passage events that one pixel makes while an edge passes over it
-  void set(double per_px, double per_passage) noexcept {
+  void set_event_rates(double per_px, double per_passage) noexcept {
     events_per_px_ = per_px;
     events_per_passage_ = per_passage;
   }
-  bool is_set() const noexcept { return events_per_px_ > 0; }
+  bool rates_known() const noexcept { return events_per_px_ > 0; }
   double events_per_px() const noexcept { return events_per_px_; }
   double events_per_passage() const noexcept { return events_per_passage_; }
   /// How far the edges move while they make so many events [px]; 0 while it is not known.
-  double px(double events) const noexcept { return is_set() ? events / events_per_px_ : 0; }
+  double px(double events) const noexcept { return rates_known() ? events / events_per_px_ : 0; }
 
   /// Takes the bound away until the next one is measured.
   void lift() noexcept { most_px_ = most_m_ = kInfinity; }
 
-  /// Measures the bound over a step: by its own events, and by the usual interval between events. A step of few events
-  /// tells little by itself, as events come in passages; many such steps together must not move farther than their
-  /// events tell together.
+  /// Measures the bound over a step, the smaller of two: by its own events, which tell little if they are few, as
+  /// events come in passages; and by the usual rate of events, so that the margins of many small steps do not add up.
   /// @param events of the step, noise among them
   /// @param dt length of the step [s]
   /// @param noise_per_s events that are noise
@@ -45,8 +44,8 @@ class MotionBound {
         interval_s_ += share * (std::min(interval_s, kGrowth * interval_s_) - interval_s_);
       else
         interval_s_ = interval_s;
-      since_usual_ += events;
-      if (since_usual_ >= kUsualEvery) measure_usual(noise_per_s);
+      events_since_rate_ += events;
+      if (events_since_rate_ >= kRateEvery) measure_most_rate(noise_per_s);
     }
     double most = most_events(events - noise_per_s * dt);
     if (dt > 0) most = std::min(most, most_events_per_s_ * dt);
@@ -54,14 +53,15 @@ class MotionBound {
     most_m_ = most_px_ / px_per_m;
   }
 
-  /// How far the edges have moved at most: along their normals, root mean square [px], and in space [m]. Infinite
-  /// without a bound.
+  /// How far the edges have moved at most along their normals, root mean square [px], and the least motion in space
+  /// that can show as that much [m]: along the line of sight it may be more. Infinite without a bound.
   double most_px() const noexcept { return most_px_; }
   double most_m() const noexcept { return most_m_; }
 
-  /// The process noise of a step, the pose's standard deviation limited to the bound, and to ten turns of the marker
-  /// where there is none: with the variances of a pause of years, rounding would make the covariance indefinite. All
-  /// axes are scaled alike, by what the acceleration does along the first; cross terms by the root, as Q must be valid.
+  /// The step with the standard deviation of its process noise of the pose limited to the bound, and to ten turns of
+  /// the marker where there is none: with the variances of a pause of years, rounding would make the covariance
+  /// indefinite. The noise of all axes is scaled by the factor that the first one needs, q_cross by its root: so Q
+  /// stays positive semidefinite.
   /// @param acceleration density of the white acceleration of the translation [m^2/s^3]
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]; infinite if not known
   MotionStep limited(MotionStep motion, double acceleration, double lever2) const noexcept {
@@ -86,19 +86,19 @@ class MotionBound {
   }
 
   // The most events a second by the usual interval between them. It changes little from event to event.
-  void measure_usual(double noise_per_s) noexcept {
-    constexpr double kTogether = 100;  // events
-    since_usual_ = 0;
+  void measure_most_rate(double noise_per_s) noexcept {
+    constexpr double kTogether = 100;  // events: as many as the running mean extends over
+    events_since_rate_ = 0;
     const double together_s = kTogether * interval_s_;
     most_events_per_s_ = together_s > 0 ? most_events(kTogether - noise_per_s * together_s) / together_s : kInfinity;
   }
 
-  static constexpr int kUsualEvery = 16;  // events, to save time
+  static constexpr int kRateEvery = 16;  // events, to save time
 
   double events_per_px_ = 0;  // 0: not known
   double events_per_passage_ = 1;
-  double interval_s_ = 0;          // usual one between events; 0: not known
-  int since_usual_ = kUsualEvery;  // events since most_events_per_s_ was measured
+  double interval_s_ = 0;               // usual one between events; 0: not known
+  int events_since_rate_ = kRateEvery;  // since most_events_per_s_ was measured
   double most_events_per_s_ = kInfinity;
   double most_px_ = kInfinity, most_m_ = kInfinity;
 };
