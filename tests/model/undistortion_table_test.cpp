@@ -56,6 +56,8 @@ TEST_CASE("a pixel without a line of sight is NaN and does not count for the rec
   for (int x = 0; x < 40; ++x) CHECK_FALSE(evmarker::is_finite(table(event_at(x, 0))));
   CHECK((Vector2d(table.image().low) - Vector2d(-0.1, -0.19)).norm() < 1e-7);
   CHECK((Vector2d(table.image().high) - Vector2d(0.29, 0.09)).norm() < 1e-7);
+  CHECK((Vector2d(table.inner_image().low) - Vector2d(-0.1, -0.19)).norm() < 1e-7);
+  CHECK((Vector2d(table.inner_image().high) - Vector2d(0.29, 0.09)).norm() < 1e-7);
 }
 
 TEST_CASE("a lens is taken out to a thousandth of a pixel") {

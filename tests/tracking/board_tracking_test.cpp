@@ -96,6 +96,25 @@ TEST_CASE("a plate of four markers has one pose, and a better one than one of it
   CHECK(2 * whole.accuracy.rotation_deg().median < part.accuracy.rotation_deg().median);
 }
 
+TEST_CASE("a plate that leaves the image by nearly a half is followed out and back") {
+  constexpr double kTurn = 2 * std::numbers::pi, kDepth = 0.4;
+  const double width = simulated::camera.sensor_size().width, f = simulated::camera.focal_length();
+  const double to_border = (width / 2 - 20) / f * kDepth;  // of its centre: less than half of it stays in the image
+  const Trajectory motion = [=](double s) {
+    return pose(facing_pose({0, 0, kDepth}).linear(),
+                {to_border * (1 - std::cos(kTurn * s / 0.8)) / 2, 0.03 * std::sin(kTurn * s / 0.25), kDepth});
+  };
+  const Board board = plate();
+  const auto events = record(board, motion, 0.8, 74);
+  const BoardOutcome outcome =
+      track(BoardDetector(simulated::camera, aruco(0.04), {board}), kId, Isometry3d::Identity(), events, motion);
+  print_accuracy("plate at the image's border", outcome.accuracy);
+  REQUIRE(outcome.accuracy.tracking() > 3000);
+  CHECK(outcome.accuracy.lost() == 0);
+  CHECK(outcome.accuracy.coverage(800000) > 0.98);
+  CHECK(outcome.accuracy.translation_mm().mean < 0.1);
+}
+
 TEST_CASE("three sides of a cube are found and tracked as one body, also while one of them turns away and back") {
   const Board board = corner();
   const Isometry3d ahead = corner_ahead(0.5);

@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -117,6 +118,25 @@ TEST_CASE("edges that turn about a point near their middle contradict nothing, a
     REQUIRE(walk.interval);
     CHECK(walk.interval->events == 0);
   }
+}
+
+TEST_CASE("edges that are not wholly in the image need no events") {
+  std::vector<int> events;  // of edges wholly in the left half of the image
+  for (const MarkerSegment& segment : kSquare.segments) {
+    const auto is_left = [&](int vertex) {
+      return (square_at(0, 0) * kSquare.vertices[static_cast<std::size_t>(vertex)]).x() < 0;
+    };
+    events.push_back(is_left(segment.from) && is_left(segment.to) ? 800 : 0);
+  }
+  REQUIRE(std::ranges::count(events, 800) == 1);
+  Walk seen, beyond;
+  const double far = std::numeric_limits<double>::infinity();
+  beyond.activity = EdgeActivity(beyond.model, kFocalLength, Box{{-far, -far}, {0, far}});
+  beyond.activity.evaluate(beyond.model, square_at(0, 0), 0, kNoCounts);
+  for (Walk* walk : {&seen, &beyond}) walk->go({-3, 3}, {800, 800, 800, 800});
+  CHECK(seen.go({-3, 3}, events).value() > 3);
+  CHECK(beyond.go({-3, 3}, events).value() < 0);
+  CHECK(beyond.activity.events_per_passage() == doctest::Approx(800 / (89 * 3.0)).epsilon(0.02).scale(0));
 }
 
 TEST_CASE("edges along the motion need no events") {

@@ -1,6 +1,7 @@
 #pragma once
 // A table of the lines of sight of all pixels: a look-up for each event in place of a computation.
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -33,8 +34,12 @@ class UndistortionTable {
       for (int x = 0; x < size_.width; ++x) {
         const Vec2 m = on_plane(Eigen::Vector3d(camera.line_of_sight(Eigen::Vector2d(x, y))));
         lines->push_back({static_cast<float>(m.x), static_cast<float>(m.y)});
-        if (const Vec2 line{lines->back().x, lines->back().y}; is_finite(line)) image_.extend(line);
+        if (const Vec2 line{lines->back().x, lines->back().y}; is_finite(line)) {
+          image_.extend(line);
+          keep_inside_of_border(x, y, line);
+        }
       }
+    inner_image_ = inner_image_.intersection(image_);  // where a whole side of the border has no lines of sight
     lines_ = std::move(lines);
   }
 
@@ -44,6 +49,9 @@ class UndistortionTable {
 
   /// The smallest box that contains all lines of sight (X/Z, Y/Z) that exist; empty if none does.
   const Box& image() const noexcept { return image_; }
+
+  /// The largest box of lines of sight that the sensor's border does not cross: what is in it is in the image.
+  const Box& inner_image() const noexcept { return inner_image_; }
 
   /// Line of sight m = (X/Z, Y/Z) of an event, which must lie on the sensor: M = (m; 1) of Eq. (2) of the paper. NaN
   /// where the lens model has no inverse.
@@ -65,13 +73,21 @@ class UndistortionTable {
     float x, y;
   };
 
+  // Cuts off of inner_image_ what lies beyond a pixel of the border.
+  void keep_inside_of_border(int x, int y, Vec2 line) noexcept {
+    if (x == 0) inner_image_.low.x = std::max(inner_image_.low.x, line.x);
+    if (y == 0) inner_image_.low.y = std::max(inner_image_.low.y, line.y);
+    if (x == size_.width - 1) inner_image_.high.x = std::min(inner_image_.high.x, line.x);
+    if (y == size_.height - 1) inner_image_.high.y = std::min(inner_image_.high.y, line.y);
+  }
+
   std::size_t pixel(const Event& event) const noexcept {
     return static_cast<std::size_t>(event.y) * static_cast<std::size_t>(size_.width) + event.x;
   }
 
   SensorSize size_;
   double focal_length_;
-  Box image_;
+  Box image_, inner_image_ = Box::everywhere();
   std::shared_ptr<const std::vector<Line>> lines_;
 };
 

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/vector.hpp"
 #include "evmarker/events/event.hpp"
 #include "evmarker/model/marker_model.hpp"
@@ -25,8 +26,11 @@ namespace evmarker {
 class EdgeActivity {
  public:
   /// @param focal_length [px]
-  EdgeActivity(const MarkerModel& model, double focal_length)
+  /// @param image lines of sight (X/Z, Y/Z) that are surely in the image: edges that are not wholly there are not
+  /// judged
+  EdgeActivity(const MarkerModel& model, double focal_length, const Box& image = Box::everywhere())
       : focal_length_(focal_length),
+        image_(image),
         events_to_evaluate_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
         counts_(model.segments.size()),
         history_(counts_.size()),
@@ -133,7 +137,8 @@ class EdgeActivity {
   // before.
   bool events_are_background(double swept_px2, double length_px) const noexcept {
     double all = 0;
-    for (const Count& count : counts_) all += count.events;
+    for (std::size_t i = 0; i < end_.size(); ++i)
+      if (in_sight(i)) all += counts_[i].events;
     return mean_rate_ > 0 && swept_px2 < kRest_px * length_px && all > 2 * mean_rate_ * length_px;
   }
 
@@ -209,15 +214,17 @@ class EdgeActivity {
     return dark_sides_known_ || history_[i].swept_px2 > 3 * length_px;
   }
 
-  // An edge in the image. Without length if its face is turned away, or nearly so: edges of such a face are too close
-  // to each other to know which of them made an event.
+  // An edge in the image. Without length if a part of it is out of the image, or if its face is turned away, or nearly
+  // so: edges of such a face are too close to each other to know which of them made an event.
   Edge project(const MarkerModel& model, const MarkerSegment& segment, const Eigen::Isometry3d& T) const noexcept {
     const Vec3 from = model.vertices[static_cast<std::size_t>(segment.from)],
                to = model.vertices[static_cast<std::size_t>(segment.to)], seen_at = transform(T, from),
                face_normal = segment.face_normal;
     const double toward_camera = -dot(rotate(T, face_normal), seen_at);
     if (face_normal != Vec3() && toward_camera < kGrazing * norm(seen_at)) return {};
-    const Vec2 a = focal_length_ * on_plane(seen_at), b = focal_length_ * on_plane(transform(T, to));
+    const Vec2 m_from = on_plane(seen_at), m_to = on_plane(transform(T, to));
+    if (!(image_.contains(m_from) && image_.contains(m_to))) return {};
+    const Vec2 a = focal_length_ * m_from, b = focal_length_ * m_to;
     const double dark = dot(rotate(T, cross(to - from, segment.dark_side)), seen_at);
     return {(a + b) / 2, b - a, dark};
   }
@@ -261,6 +268,7 @@ class EdgeActivity {
   }
 
   double focal_length_;
+  Box image_;
   int events_to_evaluate_;        // from one evaluation to the next: some for every edge
   bool dark_sides_known_ = true;  // of all edges, as on printed markers: one mean rate will do for all
   std::vector<Count> counts_;     // of every segment, in this interval

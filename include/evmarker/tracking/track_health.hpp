@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 
+#include "evmarker/base/box.hpp"
 #include "evmarker/base/require.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
 #include "evmarker/model/pose_estimate.hpp"
@@ -37,10 +38,12 @@ inline void validate(const TrackHealthSettings& settings) {
 /// test may pass where another fails: a half hidden marker still matches well.
 class TrackHealth {
  public:
+  /// @param image see EdgeActivity
   /// @throws std::invalid_argument naming the setting that is out of range
-  TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings)
+  TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings,
+              const Box& image = Box::everywhere())
       : bound_(-std::log(settings.false_alarm_rate) / 2),  // 2 bound_ from full confidence to a loss
-        activity_(model, focal_length) {
+        activity_(model, focal_length, image) {
     validate(settings);
     restart(0);
   }
