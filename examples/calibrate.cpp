@@ -236,7 +236,7 @@ void calibrate(const Options& options) {
   for (const BoardCorners& view : views) markers += view.markers.size();
   std::printf("board %d: %zu markers in %zu views\n", recording.id(), markers, views.size());
   print(fit, sigma, options);
-  std::printf("corners within %.3f px (rms); the image is known to %.3f px, at its worst to %.3f px\n",
+  std::printf("corners within %.3f px (rms); the image is known to %.3f px (1 sigma), at its worst to %.3f px\n",
               std::sqrt(2.0) * fit.rms_px, sigma.in_image.mean(), std::ranges::max(sigma.in_image.px));
   if (truth)
     std::printf("off by %.3f px from %s, on average over the image\n",

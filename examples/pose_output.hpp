@@ -47,8 +47,11 @@ struct PoseOutputOptions {
         ->expected(2);
   }
 
-  /// @throws std::invalid_argument for options that contradict each other
+  /// @throws std::invalid_argument for options that contradict each other, or have no effect
   void validate() const {
+    const bool rate_is_of_relative = !relative.empty();
+    if (output.empty() && (format != "csv" || frame != "camera" || (rate_hz > 0 && !rate_is_of_relative)))
+      throw std::invalid_argument("--format, --frame, --rate: poses are written only with --output");
     if (relative.empty()) return;
     if (relative[0] == relative[1])
       throw std::invalid_argument("--relative: " + std::to_string(relative[0]) + " is there twice");
@@ -173,7 +176,9 @@ class PoseOutput {
   void print_mean() const {
     const int a = options_.relative[0], b = options_.relative[1];
     if (average_.size() == 0) {
-      std::printf("relative   %d and %d were never tracking at the same time\n", a, b);
+      std::printf(
+          "relative   %d and %d were never tracking at the same time (markers of a board are not tracked alone)\n", a,
+          b);
       return;
     }
     const evmarker::MeanPose mean = average_.mean();
