@@ -49,8 +49,8 @@ struct PoseOutputOptions {
 
   /// @throws std::invalid_argument for options that contradict each other, or have no effect
   void validate() const {
-    const bool rate_is_of_relative = !relative.empty();
-    if (output.empty() && (format != "csv" || frame != "camera" || (rate_hz > 0 && !rate_is_of_relative)))
+    const bool says_how = format != "csv" || frame != "camera" || (rate_hz > 0 && relative.empty());
+    if (output.empty() && says_how)
       throw std::invalid_argument("--format, --frame, --rate: poses are written only with --output");
     if (relative.empty()) return;
     if (relative[0] == relative[1])

@@ -99,7 +99,7 @@ TEST_CASE("a plate of four markers has one pose, and a better one than one of it
 TEST_CASE("a plate that leaves the image by nearly a half is followed out and back") {
   constexpr double kTurn = 2 * std::numbers::pi, kDepth = 0.4;
   const double width = simulated::camera.sensor_size().width, f = simulated::camera.focal_length();
-  const double to_border = (width / 2 - 20) / f * kDepth;  // of its centre: less than half of it stays in the image
+  const double to_border = (width / 2 - 20) / f * kDepth;  // to which its centre comes as near as 20 px
   const Trajectory motion = [=](double s) {
     return pose(facing_pose({0, 0, kDepth}).linear(),
                 {to_border * (1 - std::cos(kTurn * s / 0.8)) / 2, 0.03 * std::sin(kTurn * s / 0.25), kDepth});
