@@ -47,11 +47,8 @@ struct PoseOutputOptions {
         ->expected(2);
   }
 
-  /// @throws std::invalid_argument for options that contradict each other, or have no effect
+  /// @throws std::invalid_argument for options that contradict each other
   void validate() const {
-    const bool says_how = format != "csv" || frame != "camera" || (rate_hz > 0 && relative.empty());
-    if (output.empty() && says_how)
-      throw std::invalid_argument("--format, --frame, --rate: poses are written only with --output");
     if (relative.empty()) return;
     if (relative[0] == relative[1])
       throw std::invalid_argument("--relative: " + std::to_string(relative[0]) + " is there twice");
