@@ -72,8 +72,8 @@ struct MeasurementModel {
   /// @param g d(n.u) / dE, u the image of E, n the edge's normal [px/m]
   /// @param lever E - T [m]
   /// @param from_end_px2 squared distance from the edge's nearer end, as in Correspondence. Blur rounds the corners
-  /// there: events lie up to half a pixel farther inside of a marker's corner. Counted like others, they would raise
-  /// the edge offset, and the marker would seem nearer than it is, as was measured.
+  /// there: events lie up to half a pixel farther inside of a marker's corner. Counted like others, they would make
+  /// the marker seem nearer than it is, as was measured.
   [[gnu::always_inline]] EventMeasurement measure(Vec3 g, Vec3 lever, double distance_px, double from_end_px2, double s,
                                                   double p, double contrast = 1) const noexcept {
     const Vec3 by_rotation = cross(lever, g);
