@@ -220,31 +220,42 @@ TEST_CASE("a board that is tracked is looked for by its markers where they must 
     std::vector<PlacedMarker>* where;
     std::vector<MarkerDetection> detect(const PolarityFrame&, std::span<const PlacedMarker> tracked) {
       where->assign(tracked.begin(), tracked.end());
-      std::vector<MarkerDetection> seen;
-      for (const auto& [id, T] : tracked) seen.push_back(detection(id, T));
-      return seen;
+      return found;
     }
     using ToldDetector::detect;
     std::vector<MarkerId> ids() const { return {0, 1, 2, 3, 4}; }
   };
+  static_assert(CheckingDetector<BoardDetector<ToldDetector>> && !CheckingDetector<ToldDetector>);
   static_assert(!GuidedDetector<BoardDetector<ToldDetector>>);
   static_assert(GuidedDetector<BoardDetector<Guided>>);
   static_assert(EnumeratingDetector<BoardDetector<Guided>>);
   const Board board = plate();
   const Isometry3d truth = facing_pose({0.02, -0.01, 0.6}, {0.5, 0.3, 0.2}), other = facing_pose({0.1, 0, 0.5});
+  // One of half the length looks the same at half the distance.
+  const double assumed = 0.5 * board.markers[0].length;
+  const auto as_assumed = [&](const BoardMarker& marker) {
+    Isometry3d T = truth * marker.T_board_marker;
+    T.translation() *= assumed / marker.length;
+    return T;
+  };
+  std::vector<MarkerDetection> seen{detection(0, other)};
+  for (const BoardMarker& marker : board.markers) seen.push_back(detection(marker.id, as_assumed(marker)));
   std::vector<PlacedMarker> asked;
-  BoardDetector boards(simulated::camera, Guided{{0.5 * board.markers[0].length, {}}, &asked}, {board});
+  BoardDetector boards(simulated::camera, Guided{{assumed, seen}, &asked}, {board});
   CHECK(boards.ids() == std::vector<MarkerId>{0, board.id});
 
   const std::vector<PlacedMarker> tracked{{board.id, truth}, {0, other}};
+  // At their tracked places they would fit the board's file in any case.
+  for (int frame_number = 0; frame_number < 3; ++frame_number) {
+    boards.detect(PolarityFrame({640, 480}), tracked);
+    CHECK(asked.size() == 1);
+    CHECK(boards.checking() == (frame_number < 2));
+  }
   const auto found = boards.detect(PolarityFrame({640, 480}), tracked);
   REQUIRE(asked.size() == board.markers.size() + 1);
   for (std::size_t i = 0; i < board.markers.size(); ++i) {
-    // One of half the length looks the same at half the distance.
-    Isometry3d expected = truth * board.markers[i].T_board_marker;
-    expected.translation() *= 0.5 * board.markers[0].length / board.markers[i].length;
     CHECK(asked[i].id == board.markers[i].id);
-    CHECK(asked[i].T_camera_marker.isApprox(expected, 1e-12));
+    CHECK(asked[i].T_camera_marker.isApprox(as_assumed(board.markers[i]), 1e-12));
   }
   CHECK(asked.back().T_camera_marker.isApprox(other, 1e-12));
   REQUIRE(found.size() == 2);
@@ -265,16 +276,22 @@ TEST_CASE(
     return BoardDetector(simulated::camera, ToldDetector{0.04, seen}, {file},
                          [&](const BoardContradiction& contradiction) { reported.push_back(contradiction); });
   };
-  Board turned = plate(), stretched = plate(), renumbered = plate();
+  Board turned = plate(), stretched = plate(), renumbered = plate(), tight = plate();
   for (BoardMarker& m : turned.markers) m.T_board_marker.translation() *= -1;
   for (BoardMarker& m : stretched.markers) m.T_board_marker.translation() *= 1.2;
   std::swap(renumbered.markers[0].id, renumbered.markers[1].id);
-  for (const Board& wrong : {turned, stretched, renumbered}) {
+  // The best fit leaves no corner 2 px off.
+  for (BoardMarker& m : tight.markers) m.T_board_marker.translation() *= 0.93;
+  for (const Board& wrong : {turned, stretched, renumbered, tight}) {
     auto detector = detector_of(wrong);
-    for (int frame_number = 0; frame_number < 10; ++frame_number) CHECK(detector.detect(frame).empty());
+    for (int frame_number = 0; frame_number < 10; ++frame_number) {
+      CHECK(detector.detect(frame).empty());
+      CHECK(detector.checking());
+    }
+    CHECK(detector.refused() == std::vector<MarkerId>{kId});
     REQUIRE(reported.size() == 1);
     CHECK(reported[0].board == kId);
-    CHECK((reported[0].seen - reported[0].in_file).norm() > 0.01);
+    CHECK((reported[0].seen - reported[0].in_file).norm() > 0.006);
     const auto place = [&](const Board& board, MarkerId id) {
       return Vector3d(std::ranges::find(board.markers, id, &BoardMarker::id)->T_board_marker.translation());
     };
@@ -282,8 +299,13 @@ TEST_CASE(
     CHECK((reported[0].in_file - (place(wrong, reported[0].other) - place(wrong, reported[0].marker))).norm() < 1e-9);
     CHECK(reported[0].message().find("board 100 does not fit its file: marker ") == 0);
   }
+  CHECK(std::abs(reported[0].marker_scale - 0.93) < 0.002);
+  CHECK_MESSAGE(reported[0].message().ends_with("; against their distances its markers are 7.1 % smaller than there"),
+                reported[0].message());
   auto detector = detector_of(plate());
   for (int frame_number = 0; frame_number < 10; ++frame_number) CHECK(detector.detect(frame).size() == 1);
+  CHECK_FALSE(detector.checking());
+  CHECK(detector.refused().empty());
   CHECK(reported.empty());
 }
 
@@ -326,8 +348,11 @@ TEST_CASE("frames that contradict now and then do not refuse a board, three more
   CHECK(wrong.refused());
   wrong.add(false);
   CHECK(wrong.refused());
-  for (int i = 0; i < 5; ++i) wrong.add(false);
+  for (int i = 0; i < 4; ++i) wrong.add(false);
   CHECK_FALSE(wrong.refused());
+  CHECK_FALSE(wrong.settled());
+  wrong.add(false);
+  CHECK(wrong.settled());
 }
 
 TEST_CASE("a board detector verifies and searches boards by their markers, if the other detector does, and markers") {

@@ -115,6 +115,44 @@ TEST_CASE("a plate that leaves the image by nearly a half is followed out and ba
   CHECK(outcome.accuracy.translation_mm().mean < 0.1);
 }
 
+TEST_CASE("a board that is tracked already is lost as refused once its markers are seen otherwise than its file says") {
+  const Trajectory motion = trajectory::handheld(
+      {.T_centre = facing_pose({0, 0, 0.4}), .amplitude_m = {0.08, 0.06, 0.08}, .frequency_hz = 1.3, .seed = 75});
+  const auto events = record(plate(), motion, 0.4, 75);
+  Board file = plate();
+  for (BoardMarker& marker : file.markers) marker.T_board_marker.translation() *= 0.93;
+  // Sees only one marker at first, which contradicts nothing.
+  struct {
+    opencv::ArucoDetector<PinholeCamera> all;
+    Timestamp others_from;
+    std::vector<MarkerDetection> detect(const PolarityFrame& frame) {
+      auto found = all.detect(frame);
+      if (frame.t() < others_from && found.size() > 1) found.resize(1);
+      return found;
+    }
+    MarkerModel model(MarkerId id) const { return all.model(id); }
+  } one_then_all{aruco(0.04), 150000};
+  for (const bool right : {true, false}) {
+    CAPTURE(right);
+    Tracker tracker(simulated::camera, BoardDetector(simulated::camera, one_then_all, {right ? plate() : file}));
+    std::size_t before = 0, after = 0;
+    std::vector<LossReason> losses;
+    tracker.push(events, [&](const PoseEstimate& pose) {
+      if (pose.quality.state == TrackingState::lost) losses.push_back(pose.quality.loss_reason);
+      before += pose.quality.state == TrackingState::tracking && pose.t < 150000;
+      after += pose.quality.state == TrackingState::tracking && pose.t > 250000;
+    });
+    CHECK(before > 100);
+    CHECK((after > 1000) == right);
+    if (!right) {
+      CHECK(after == 0);
+      CHECK(losses == std::vector{LossReason::refused});
+    } else {
+      CHECK(losses.empty());
+    }
+  }
+}
+
 TEST_CASE("three sides of a cube are found and tracked as one body, also while one of them turns away and back") {
   const Board board = corner();
   const Isometry3d ahead = corner_ahead(0.5);

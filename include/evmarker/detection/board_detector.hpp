@@ -28,7 +28,7 @@ namespace evmarker {
 /// fitted to the corners of all, which also decides between the two poses of a planar marker. A board whose markers are
 /// seen at other places than its file says is not reported, see `BoardCheck`. One marker alone cannot contradict the
 /// file: it is enough until others are seen, but not after these have contradicted. It verifies and searches if the
-/// other detector does: boards by any of their markers.
+/// other detector does: boards by any of their markers. It is a `CheckingDetector`.
 template <MarkerDetector Detector>
 class BoardDetector {
  public:
@@ -43,7 +43,7 @@ class BoardDetector {
     for (Board& board : boards) {
       for (const Target& other : targets_) require_distinct(board, other.board);
       MarkerModel model = make_board_model(board);
-      targets_.push_back({std::move(board), std::move(model), {}});
+      targets_.push_back({std::move(board), std::move(model)});
     }
   }
 
@@ -54,6 +54,19 @@ class BoardDetector {
   std::vector<MarkerDetection> detect(const PolarityFrame& frame,
                                       std::span<const PlacedMarker> tracked) requires GuidedDetector<Detector> {
     return boards_of(detector_.detect(frame, markers_of(tracked)));
+  }
+
+  /// See CheckingDetector. Of one marker alone nothing can be told.
+  bool checking() const {
+    return std::ranges::any_of(targets_,
+                               [](const Target& target) { return target.several_seen && !target.check.settled(); });
+  }
+  /// The boards that do not fit their files.
+  std::vector<MarkerId> refused() const {
+    std::vector<MarkerId> boards;
+    for (const Target& target : targets_)
+      if (target.check.refused()) boards.push_back(target.board.id);
+    return boards;
   }
 
   /// See EnumeratingDetector.
@@ -87,18 +100,21 @@ class BoardDetector {
     for (const BoardMarker& marker : targets_[*target].board.markers)
       if (const auto detection = detector_.search(marker.id, as_assumed(marker, product(T, marker.T_board_marker))))
         seen.push_back(seen_marker(marker, *detection));
-    return seen.empty() ? std::nullopt : locate(targets_[*target], seen);
+    return seen.empty() || targets_[*target].check.refused() ? std::nullopt : locate(targets_[*target], seen);
   }
 
  private:
   struct Target {
     Board board;
     MarkerModel model;
-    BoardCheck check;
+    BoardCheck check{};
+    bool several_seen = false;  // in the last frame
   };
   static constexpr double kSamePose = 0.03;  // [rad]: two fits nearer than this are one pose
   // The second pose is reported as an alternative if its error is at most so many times larger.
   static constexpr double kMaxAlternativeRatio = 2.0;
+  // A deviation of the markers' size that is larger tells neither that the file is right nor that it is wrong.
+  static constexpr double kUnclear = 0.5;
 
   // Throws if two boards share their id or a marker.
   static void require_distinct(const Board& a, const Board& b) {
@@ -141,6 +157,7 @@ class BoardDetector {
       else
         found.push_back(detection);
     for (std::size_t i = 0; i < targets_.size(); ++i) {
+      targets_[i].several_seen = seen_markers[i].size() > 1;
       if (seen_markers[i].empty()) continue;
       auto detection = locate(targets_[i], seen_markers[i]);
       if (detection && update_check(targets_[i], seen_markers[i], detection->T_camera_marker))
@@ -149,15 +166,16 @@ class BoardDetector {
     return found;
   }
 
-  // The markers of the tracked boards, and the tracked markers on no board.
+  // The markers of the tracked boards, and the tracked markers on no board. Not those of a board whose file is being
+  // checked: where they are tracked, they fit it anyway.
   std::vector<PlacedMarker> markers_of(std::span<const PlacedMarker> tracked) {
     std::vector<PlacedMarker> markers;
     for (const auto& [id, T] : tracked)
-      if (const auto target = target_of(id))
+      if (const auto target = target_of(id); !target)
+        markers.push_back({id, T});
+      else if (targets_[*target].check.settled())
         for (const BoardMarker& marker : targets_[*target].board.markers)
           markers.push_back({marker.id, as_assumed(marker, product(T, marker.T_board_marker))});
-      else
-        markers.push_back({id, T});
     return markers;
   }
 
@@ -217,8 +235,12 @@ class BoardDetector {
   bool update_check(Target& target, const std::vector<SeenMarker>& seen_markers, const Eigen::Isometry3d& T) const {
     if (seen_markers.size() < 2) return !target.check.refused() && !target.check.doubtful();
     const bool refused = target.check.refused();
-    target.check.add(contradicts_file(seen_markers, T, focal_length_));
-    if (target.check.refused() && !refused && report_) report_(worst_contradiction(target.board.id, seen_markers));
+    const MarkerScale scale = fit_marker_scale(T, seen_markers, focal_length_);
+    const double size = size_deviation(seen_markers, scale, focal_length_);
+    const bool other_size = size > 1, contradicts = other_size || contradicts_places(seen_markers, T, focal_length_);
+    if (contradicts || size < kUnclear) target.check.add(contradicts);
+    if (target.check.refused() && !refused && report_)
+      report_(worst_contradiction(target.board.id, seen_markers, other_size ? scale.value : 1));
     return !target.check.refused() && !target.check.doubtful();
   }
 

@@ -59,6 +59,7 @@ struct DetectionResult {
   std::uint64_t unusable_poses = 0;   ///< no rigid motions, or not in front of the camera: left out
   std::vector<Sighting> sightings{};  ///< one for each of the request's unconfirmed markers
   bool all_tracked = false;           ///< all markers that the detector may find are tracked already
+  std::vector<MarkerId> refused{};    ///< do not fit their models, see CheckingDetector
 
   /// Adds a marker without those of its poses from which no tracker could start; not at all if there is no other.
   void add(Marker marker, double focal_length) {
@@ -99,9 +100,11 @@ inline bool contradicts_tilt(const MarkerDetection& detection, const Eigen::Isom
          geodesic_angle(detection.T_camera_marker.linear(), T_camera_marker.linear()) > kDiffers_rad;
 }
 
-/// True if the detector can find no other markers than these.
+/// True if the detector can find no other markers than these, and has nothing left to check.
 template <MarkerDetector Detector>
 bool finds_only(Detector& detector, std::span<const PlacedMarker> markers) {
+  if constexpr (CheckingDetector<Detector>)
+    if (detector.checking()) return false;
   if constexpr (EnumeratingDetector<Detector>)
     return std::ranges::all_of(detector.ids(), [&](MarkerId id) {
       return std::ranges::find(markers, id, &PlacedMarker::id) != markers.end();
@@ -136,6 +139,7 @@ DetectionResult answer_request(Detector& detector, const PolarityFrame& frame, c
   for (const MarkerDetection& detection : detect(detector, frame, request)) add(detection);
   result.detected = result.markers.size();
   result.all_tracked = finds_only(detector, request.tracked);
+  if constexpr (CheckingDetector<Detector>) result.refused = detector.refused();
 
   // A search near its predicted pose finds a partly hidden marker that `detect` misses.
   if constexpr (SearchingDetector<Detector>)

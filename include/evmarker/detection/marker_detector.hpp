@@ -60,6 +60,14 @@ concept GuidedDetector = MarkerDetector<D> &&
   { detector.detect(frame, tracked) } -> std::same_as<decltype(detector.detect(frame))>;
 };
 
+/// A detector that checks whether what a marker or board shows fits its model. While it has not seen enough for that,
+/// it is asked often, and what it refuses is no longer tracked.
+template <typename D>
+concept CheckingDetector = MarkerDetector<D> && requires(const D& detector) {
+  { detector.checking() } -> std::same_as<bool>;  // true while the last frame leaves it in doubt
+  { detector.refused() } -> std::same_as<std::vector<MarkerId>>;
+};
+
 /// A detector that names all markers that it may ever find: while all of them are tracked, it is seldom asked.
 template <typename D>
 concept EnumeratingDetector = MarkerDetector<D> && requires(D& detector) {

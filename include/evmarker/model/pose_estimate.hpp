@@ -44,9 +44,10 @@ enum class LossReason {
   replaced,        ///< it was detected elsewhere
   events_missing,  ///< a gap in the events was too long to predict its motion
   not_confirmed,   ///< it never reached the state `tracking`
-  turned_away      ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
+  turned_away,     ///< its face is seen from behind, or at so flat an angle that its edges cannot be told apart
+  refused          ///< what is seen of it does not fit its model, as a board's file, see CheckingDetector
 };
-inline constexpr std::size_t kLossReasons = 9;
+inline constexpr std::size_t kLossReasons = 10;
 
 constexpr const char* to_string(LossReason reason) noexcept {
   switch (reason) {
@@ -59,6 +60,7 @@ constexpr const char* to_string(LossReason reason) noexcept {
     case LossReason::events_missing: return "events_missing";
     case LossReason::not_confirmed: return "not_confirmed";
     case LossReason::turned_away: return "turned_away";
+    case LossReason::refused: return "refused";
   }
   return "?";
 }

@@ -149,6 +149,7 @@ class TrackerCore {
     announce_confirmed();  // by these sightings
     tentative_.remove_hopeless();
     // If events have gone missing since the frame was taken, what it shows cannot be followed to now, see skip_to.
+    for (const MarkerId id : result.refused) drop(id, LossReason::refused);
     const bool followable = result.events_in_frame > followable_from_;
     if (followable)
       for (const DetectionResult::Marker& found : result.markers) {
@@ -362,9 +363,17 @@ class TrackerCore {
     PlanarHypotheses<Rule>* const marker = confirmed_.find(detection.id);
     if (marker == nullptr) return;
     const bool often = marker->count_detection(away);
-    if (!often && !(away && marker->silent_for(settings_.detection_interval, detection.t))) return;
-    collect(marker->tracker().lose(LossReason::replaced));
-    confirmed_.erase(detection.id);
+    if (often || (away && marker->silent_for(settings_.detection_interval, detection.t)))
+      drop(detection.id, LossReason::replaced);
+  }
+
+  // Drops the tracker of a marker, if it has one; it is not searched for near its last pose.
+  void drop(MarkerId id, LossReason reason) {
+    tentative_.erase(id);
+    if (PlanarHypotheses<Rule>* const marker = confirmed_.find(id)) {
+      collect(marker->tracker().lose(reason));
+      confirmed_.erase(id);
+    }
   }
 
   Settings settings_;
