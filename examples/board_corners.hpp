@@ -29,10 +29,12 @@ struct BoardCorners {
 };
 
 /// The corners of a marker [m, board frame].
-inline std::array<evmarker::Vec3, 4> corners_of(const evmarker::BoardMarker& marker) {
+/// @param pitch scale of the distances between the markers
+inline std::array<evmarker::Vec3, 4> corners_of(const evmarker::BoardMarker& marker, double pitch) {
   const auto square = evmarker::make_square_marker(marker.length).vertices;
+  const evmarker::Vec3 shift = (pitch - 1) * evmarker::translation(marker.T_board_marker);
   std::array<evmarker::Vec3, 4> corners;
-  for (std::size_t i = 0; i < 4; ++i) corners[i] = evmarker::transform(marker.T_board_marker, square[i]);
+  for (std::size_t i = 0; i < 4; ++i) corners[i] = evmarker::transform(marker.T_board_marker, square[i]) + shift;
   return corners;
 }
 
@@ -126,15 +128,22 @@ class MarkerFollower {
 
 inline constexpr std::size_t kFewestMarkers = 4;  ///< of a view that tells of the camera
 
+/// How many views have so many.
+inline std::size_t with_enough_markers(const std::vector<BoardCorners>& views) {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(views, [](const BoardCorners& view) { return view.markers.size() >= kFewestMarkers; }));
+}
+
 /// Drops markers that are not where the others of a view say, and views of less than four: a marker may have been taken
 /// for its neighbour. By the homography of the flat board, after the lens as far as it is known.
+/// @param pitch scale of the distances between the markers
 /// @param tolerance_px how far a corner may be off
-inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::PinholeCamera& camera,
+inline void drop_outliers(std::vector<BoardCorners>& views, const evmarker::PinholeCamera& camera, double pitch,
                           double tolerance_px) {
   for (BoardCorners& view : views) {
     std::vector<cv::Point2d> on_board, in_image;
     for (const SeenMarker& seen : view.markers)
-      for (std::size_t i = 0; const evmarker::Vec3 corner : corners_of(*seen.marker)) {
+      for (std::size_t i = 0; const evmarker::Vec3 corner : corners_of(*seen.marker, pitch)) {
         const evmarker::Vec2 m = on_plane(evmarker::Vec3(camera.line_of_sight(seen.corners_px[i++])));
         on_board.emplace_back(corner.x, corner.y);
         in_image.emplace_back(camera.focal_length() * m.x, camera.focal_length() * m.y);

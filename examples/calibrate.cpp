@@ -122,32 +122,39 @@ class Recording {
 
 [[noreturn]] void refuse(const std::string& reason) { throw console::Exit(kUndetermined, reason); }
 
-void require_seen(std::size_t instants, std::size_t fewest) {
-  if (instants >= fewest) return;
-  refuse("the board was hardly seen: at " + std::to_string(instants) +
-         " instants with four markers or more; move it so that it is large in the image; is it in --dictionary?");
+/// @param seen instants with four markers or more
+/// @param fitting those at which four or more lie as the board's file says
+void require_views(std::size_t seen, std::size_t fitting, std::size_t fewest, const Options& options) {
+  if (fitting >= fewest) return;
+  if (seen < fewest)
+    refuse("the board was hardly seen: at " + std::to_string(seen) +
+           " instants with four markers or more; move it so that it is large in the image; is it in --dictionary?");
+  refuse("markers were seen at " + std::to_string(seen) + " instants, but only at " + std::to_string(fitting) +
+         " of them do four or more lie as " + options.board + " says: is the board another one or bent" +
+         (options.free_pitch ? "?" : ", or of another size, as --free-pitch estimates?"));
 }
 
 // From nothing: the edges of single markers are found with nearly any focal length.
-CameraFit find_start(const Recording& recording, const CameraFitter& fitter) {
+CameraFit find_start(const Recording& recording, const CameraFitter& fitter, const Options& options) {
   constexpr std::size_t kEnough = 200, kFewest = 10, kForStart = 30;
   constexpr double kLens_px = 0.03;  // share of the width by which a lens may bend the board
   constexpr double kGood_px = 1;
   const SensorSize size = recording.size();
   std::optional<CameraFit> best;
-  std::size_t most = 0;
+  std::size_t most_seen = 0, most_fitting = 0;
   for (const double share : {1.0, 0.6, 1.7}) {
     const double f = share * size.width;
     const PinholeCamera guess(size, f, f, 0.5 * (size.width - 1), 0.5 * (size.height - 1));
     auto views = recording.views(guess, "finding the markers", kEnough);
-    drop_outliers(views, guess, kLens_px * size.width);
-    most = std::max(most, views.size());
+    most_seen = std::max(most_seen, with_enough_markers(views));
+    drop_outliers(views, guess, 1, kLens_px * size.width);
+    most_fitting = std::max(most_fitting, views.size());
     if (views.size() < kFewest) continue;
     const CameraFit fit = fitter.start(spread(views, kForStart), f);
     if (!best || fit.rms_px < best->rms_px) best = fit;
     if (best->rms_px < kGood_px) break;
   }
-  require_seen(most, kFewest);
+  require_views(most_seen, most_fitting, kFewest, options);
   return *best;
 }
 
@@ -176,6 +183,22 @@ Deviations deviations_of(const std::vector<BoardCorners>& views, const CameraFit
   return sigma;
 }
 
+// What a board's file says wrong is taken for the camera's: says so where the views show that the distances between the
+// markers are others.
+void check_pitch(const std::vector<BoardCorners>& views, const CameraFit& fit, const Options& options,
+                 SensorSize size) {
+  constexpr double kSigmas = 4, kLeast = 0.003;
+  const CameraFitter fitter(options.lens(), size, /*free_pitch=*/true);
+  const double pitch = fitter.refit(views, fit.intrinsics).intrinsics[kPitch];
+  double variance = 0;
+  leave_out_tenths(views, [&](const std::vector<BoardCorners>& others) {
+    variance += kJackknifeWeight * std::pow(fitter.refit(others, fit.intrinsics).intrinsics[kPitch] - pitch, 2);
+  });
+  if (std::abs(pitch - 1) > std::max(kLeast, kSigmas * std::sqrt(variance)))
+    std::printf("the markers seem to be at %.4f +- %.4f times the distances that %s says: measure, or --free-pitch\n",
+                pitch, std::sqrt(variance), options.board.c_str());
+}
+
 void print(const CameraFit& fit, const Deviations& sigma, const Options& options) {
   const bool fisheye = options.lens() == LensModel::fisheye;
   const std::array<const char*, 8> names = fisheye ? std::array{"fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"}
@@ -183,8 +206,8 @@ void print(const CameraFit& fit, const Deviations& sigma, const Options& options
   for (std::size_t i = 0; i < names.size(); ++i)
     std::printf(i < 4 ? "%s  %9.3f +- %.3f px\n" : "%s  %9.5f +- %.5f\n", names[i], fit.intrinsics[i], sigma.of[i]);
   if (options.free_pitch)
-    std::printf("distances between the markers: %.5f +- %.5f of those in %s\n", fit.intrinsics[kScale],
-                sigma.of[kScale], options.board.c_str());
+    std::printf("distances between the markers: %.5f +- %.5f of those in %s\n", fit.intrinsics[kPitch],
+                sigma.of[kPitch], options.board.c_str());
 }
 
 // A user who holds the board otherwise gets another calibration.
@@ -217,15 +240,16 @@ void calibrate(const Options& options) {
   if (!options.truth.empty()) truth = opencv::load_calibration(options.truth);
   const Recording recording(options, opencv::load_boards(options.board, options.dictionary));
   const CameraFitter fitter(options.lens(), recording.size(), options.free_pitch);
-  CameraFit fit = find_start(recording, fitter);
+  CameraFit fit = find_start(recording, fitter, options);
   std::vector<BoardCorners> views;
   Deviations sigma;
   for (int pass = 0; pass < kMostPasses; ++pass) {
     const PinholeCamera camera = fitter.camera(fit.intrinsics);
     views = recording.views(camera, "following the markers");
-    drop_outliers(views, camera, kOutlier_px);
+    const std::size_t seen = with_enough_markers(views);
+    drop_outliers(views, camera, fit.intrinsics[kPitch], kOutlier_px);
+    require_views(seen, views.size(), kFewest, options);
     measure_velocities(views);
-    require_seen(views.size(), kFewest);
     views = spread(views, kMostViews);
     fit = fitter.refit(views, fit.intrinsics);
     sigma = deviations_of(views, fit, fitter);
@@ -236,6 +260,7 @@ void calibrate(const Options& options) {
   for (const BoardCorners& view : views) markers += view.markers.size();
   std::printf("board %d: %zu markers in %zu views\n", recording.id(), markers, views.size());
   print(fit, sigma, options);
+  if (!options.free_pitch) check_pitch(views, fit, options, recording.size());
   std::printf("corners within %.3f px (rms); the image is known to %.3f px (1 sigma), at its worst to %.3f px\n",
               std::sqrt(2.0) * fit.rms_px, sigma.in_image.mean(), std::ranges::max(sigma.in_image.px));
   if (truth)

@@ -60,7 +60,7 @@ class CameraFitter {
                       cv::CALIB_ZERO_TANGENT_DIST | cv::CALIB_FIX_PRINCIPAL_POINT;
     cv::calibrateCamera(on_board, in_image, {size_.width, size_.height}, K, lens, rotations, translations, flags);
     CameraFit fit{.intrinsics = {K(0, 0), K(1, 1), K(0, 2), K(1, 2)}};
-    fit.intrinsics[kScale] = 1;
+    fit.intrinsics[kPitch] = 1;
     if (model_ == LensModel::radtan)
       for (int i = 0; i < 2; ++i) fit.intrinsics[4 + std::size_t(i)] = lens.at<double>(i);
     for (std::size_t i = 0; i < views.size(); ++i) {
@@ -81,7 +81,8 @@ class CameraFitter {
       std::vector<cv::Point3d> on_board;
       std::vector<cv::Point2d> undistorted;
       for (const SeenMarker& seen : view.markers) {
-        for (const cv::Point3d& point : detail::object_points(*seen.marker, 1)) on_board.push_back(point);
+        for (const cv::Point3d& point : detail::object_points(*seen.marker, intrinsics[kPitch]))
+          on_board.push_back(point);
         for (const evmarker::Vec2 corner : seen.corners_px) {
           const evmarker::Vec2 m = on_plane(evmarker::Vec3(camera.line_of_sight(corner)));
           undistorted.emplace_back(m.x, m.y);
@@ -113,7 +114,7 @@ class CameraFitter {
         fit.errors.px.data());
     if (!estimate_errors) problem.SetParameterBlockConstant(fit.errors.px.data());
     if (!free_pitch_)
-      problem.SetManifold(fit.intrinsics.data(), new ceres::SubsetManifold(9, {static_cast<int>(kScale)}));
+      problem.SetManifold(fit.intrinsics.data(), new ceres::SubsetManifold(9, {static_cast<int>(kPitch)}));
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_SCHUR;
     options.max_num_iterations = 100;

@@ -50,6 +50,11 @@ class ProgressBar {
   std::uint64_t step_ = std::numeric_limits<std::uint64_t>::max();
 };
 
+/// A line on stderr while a program works; where a progress bar is shown, in its place.
+inline void say(const std::string& line) {
+  std::fprintf(stderr, "%s%s\n", isatty(STDERR_FILENO) != 0 ? "\r\033[K" : "", line.c_str());
+}
+
 /// Accepts an option's value only if it is a finite number above zero.
 inline CLI::Validator positive_number() {
   return {[](std::string& text) {

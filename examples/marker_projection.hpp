@@ -19,7 +19,7 @@ enum class LensModel { radtan, fisheye };
 /// between the markers of the board, which is 1 unless it is estimated too.
 using Intrinsics = std::array<double, 9>;
 
-inline constexpr std::size_t kScale = 8;
+inline constexpr std::size_t kPitch = 8;
 
 namespace detail {
 
@@ -31,13 +31,9 @@ struct ProjectedMarker {
   Eigen::Matrix<double, 8, 6> by_pose;  // rotation vector, translation
 };
 
-inline std::vector<cv::Point3d> object_points(const evmarker::BoardMarker& marker, double scale) {
-  const evmarker::Vec3 centre = evmarker::translation(marker.T_board_marker);
+inline std::vector<cv::Point3d> object_points(const evmarker::BoardMarker& marker, double pitch) {
   std::vector<cv::Point3d> points;
-  for (const evmarker::Vec3 corner : corners_of(marker)) {
-    const evmarker::Vec3 P = corner + (scale - 1) * centre;
-    points.emplace_back(P.x, -P.y, -P.z);
-  }
+  for (const evmarker::Vec3 corner : corners_of(marker, pitch)) points.emplace_back(corner.x, -corner.y, -corner.z);
   return points;
 }
 
@@ -50,9 +46,9 @@ inline ProjectedMarker project_marker(const evmarker::BoardMarker& marker, const
   cv::Mat J;
   const bool fisheye = model == LensModel::fisheye;
   if (fisheye)
-    cv::fisheye::projectPoints(object_points(marker, k[kScale]), pixels, r, t, K, lens, 0, J);
+    cv::fisheye::projectPoints(object_points(marker, k[kPitch]), pixels, r, t, K, lens, 0, J);
   else
-    cv::projectPoints(object_points(marker, k[kScale]), r, t, K, lens, pixels, J);
+    cv::projectPoints(object_points(marker, k[kPitch]), r, t, K, lens, pixels, J);
   // Columns: OpenCV has r, t, f, c, k for pinholes; f, c, k, r, t, skew for fisheyes.
   const int at_f = fisheye ? 0 : 6, at_r = fisheye ? 8 : 0, at_t = at_r + 3;
   cv::Matx33d R;
@@ -63,11 +59,11 @@ inline ProjectedMarker project_marker(const evmarker::BoardMarker& marker, const
   for (int row = 0; row < 8; ++row) {
     projected.px(row) = row % 2 == 0 ? pixels[std::size_t(row) / 2].x : pixels[std::size_t(row) / 2].y;
     for (int i = 0; i < 8; ++i) projected.by_intrinsics(row, i) = J.at<double>(row, at_f + i);
-    projected.by_intrinsics(row, kScale) = 0;
+    projected.by_intrinsics(row, kPitch) = 0;
     for (int i = 0; i < 3; ++i) {
       projected.by_pose(row, i) = J.at<double>(row, at_r + i);
       projected.by_pose(row, 3 + i) = J.at<double>(row, at_t + i);
-      projected.by_intrinsics(row, kScale) += J.at<double>(row, at_t + i) * moved[i];
+      projected.by_intrinsics(row, kPitch) += J.at<double>(row, at_t + i) * moved[i];
     }
   }
   return projected;

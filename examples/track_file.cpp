@@ -173,7 +173,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   Tracker tracker(camera, detector, settings);
   run(
       tracker, [&](MarkerId id) { return detector.model(id); },
-      "no marker was found: it must move to be seen; is it in --dictionary and --ids, its border as wide as in "
+      "no marker was tracked: it must move to be seen; is it in --dictionary and --ids, its border as wide as in "
       "--board?");
 }
 

@@ -90,11 +90,13 @@ struct TrackOptions : PoseOutputOptions {
     use.template operator()<DecoupledUpdate>(rule, io::PoseColumns::pose);
   }
 
-  /// Finds the boards, and single markers if their length is given.
+  /// Finds the boards, and single markers if their length is given. Says why a board is refused.
   auto detector(const evmarker::PinholeCamera& of_camera) const {
     const evmarker::opencv::BoardFile loaded = load_boards();
     return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, aruco_settings(loaded)),
-                                   loaded.boards);
+                                   loaded.boards, [](const evmarker::BoardContradiction& contradiction) {
+                                     console::say(contradiction.message() + " (or --camera is of another camera)");
+                                   });
   }
 
   /// True if the options name a single marker or board.

@@ -710,7 +710,7 @@ TEST_CASE("examples: make_board measures a board with which the body is tracked 
   CHECK(error.deg < 0.5);
 }
 
-TEST_CASE("examples: a camera is calibrated by a moving board, unless the board hardly moved") {
+TEST_CASE("examples: a camera is calibrated by a moving board, unless it hardly moved or is another one") {
   if (kPrograms.at("calibrate").empty()) {
     MESSAGE("skipped: calibrate is not built without Ceres");
     return;
@@ -746,11 +746,27 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless the board 
   CHECK(number_after(calibrated.out, "off by ") < 0.25);  // px; 0.51 if the errors that all corners share are left in
   CHECK(cv::imread((folder / "c.png").string()).rows > 700);
 
-  const Result stretched = run(folder, calibrate + " --free-pitch");
+  // The same board with distances that are not those of the print.
+  write_file(folder / "tight.yml",
+             "markersX: 4\nmarkersY: 3\nmarkerLength: 0.04\nmarkerSeparation: 0.009\ndictionary: DICT_4X4_50\n");
+  const std::string tight = "calibrate g.raw --board tight.yml --output tight_c.yml --largest-error 3 --quiet";
+  const Result contradicted = run(folder, tight);
+  CHECK(contradicted.code == 2);
+  CHECK_MESSAGE(contains(contradicted.err, "lie as tight.yml says"), contradicted.err);
+  CHECK_FALSE(std::filesystem::exists(folder / "tight_c.yml"));
+  const Result stretched = run(folder, tight + " --free-pitch");
   REQUIRE_MESSAGE(stretched.code == 0, stretched.err);
   const std::string pitch = stretched.out.substr(stretched.out.find("distances between the markers: "));
-  CHECK(number_after(pitch, "markers: ") == doctest::Approx(1).epsilon(0.003).scale(0));
-  CHECK(std::abs(number_after(pitch, "markers: ") - 1) < 3 * number_after(pitch, "+- "));
+  CHECK(number_after(pitch, "markers: ") == doctest::Approx(0.052 / 0.049).epsilon(0.003).scale(0));
+  CHECK(std::abs(number_after(pitch, "markers: ") - 0.052 / 0.049) < 3 * number_after(pitch, "+- "));
+
+  const std::string track = "track_file g.raw --camera g.yml --output poses.csv --quiet --board ";
+  const Result tracked = run(folder, track + "grid.yml"), refused_board = run(folder, track + "tight.yml");
+  CHECK(tracked.code == 0);
+  CHECK_MESSAGE(tracked.err.empty(), tracked.err);
+  CHECK(refused_board.code == 2);
+  CHECK_MESSAGE(refused_board.err.starts_with("board 100 does not fit its file: marker "), refused_board.err);
+  CHECK(read_table(read_file(folder / "poses.csv")).empty());
 
   const Result still = run(folder, "simulate s.raw --distance 0.4 --sway 0.03 --turn 3,3,3 --duration 0.6" + simulate);
   REQUIRE_MESSAGE(still.code == 0, still.err);
@@ -1697,7 +1713,7 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   link_simulated(folder);
   const Result none = run(folder, "track_file recording.raw" + kOptions + " --ids 3 --output poses.csv");
   CHECK(none.code == 2);
-  CHECK_MESSAGE(none.err.starts_with("track_file: no marker was found: "), none.err);
+  CHECK_MESSAGE(none.err.starts_with("track_file: no marker was tracked: "), none.err);
   CHECK(contains(none.out, " read, "));
   CHECK(read_table(read_file(folder / "poses.csv")).empty());
   const Result help = run(folder, "track_file --help");

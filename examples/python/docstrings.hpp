@@ -30,6 +30,7 @@ inline constexpr const char* kPush =
 types, in any order. Where its dtype is EVENT_DTYPE, nothing is copied. Other threads run meanwhile, which
 must not change the array.
 Returns the poses to which they lead, an array (m,) of POSE_DTYPE.
+Warns of a board that is refused, as its markers are seen elsewhere than its file says.
 Raises ValueError for other arrays, before any event is taken.)";
 
 inline constexpr const char* kPosesAt =

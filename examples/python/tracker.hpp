@@ -7,6 +7,7 @@
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/board.hpp>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -57,19 +58,23 @@ class Tracker {
  public:
   /// @throws std::invalid_argument or std::runtime_error naming the option, or the file and its field
   Tracker(const evmarker::PinholeCamera& camera, const TrackerOptions& options)
-      : tracker_(camera, make_detector(camera, options), settings(options)) {}
+      : tracker_(camera, make_detector(camera, options, refused_), settings(options)) {}
 
   /// @param events an EventArray or EventColumns
   template <typename Events>
   py::array push(const Events& events) {
     std::vector<PoseRow> rows;
+    std::vector<std::string> refused;
     {
       const py::gil_scoped_release unlocked;
       const std::scoped_lock lock(mutex_);
       events.for_each_block([&](std::span<const evmarker::Event> block) {
         tracker_.push(block, [&](const evmarker::PoseEstimate& pose) { rows.push_back(pose_row(pose)); });
       });
+      refused.swap(*refused_);
     }
+    for (const std::string& why : refused)
+      if (PyErr_WarnEx(PyExc_UserWarning, why.c_str(), 1) != 0) throw py::error_already_set();
     return pose_array(pose_dtype_, rows);
   }
 
@@ -95,7 +100,8 @@ class Tracker {
   using Aruco = evmarker::opencv::ArucoDetector<evmarker::PinholeCamera>;
   using Detector = evmarker::BoardDetector<Aruco>;
 
-  static Detector make_detector(const evmarker::PinholeCamera& camera, const TrackerOptions& options) {
+  static Detector make_detector(const evmarker::PinholeCamera& camera, const TrackerOptions& options,
+                                const std::shared_ptr<std::vector<std::string>>& refused) {
     if (!options.marker_length && !options.boards)
       throw std::invalid_argument("tracker: marker_length is missing; only boards need none");
     if (!options.marker_length && options.ids)
@@ -109,7 +115,9 @@ class Tracker {
     if (!options.marker_length || !settings.ids.empty())
       for (const evmarker::Board& board : file.boards)
         for (const evmarker::BoardMarker& marker : board.markers) settings.ids.push_back(marker.id);
-    return {camera, Aruco(camera, settings), std::move(file.boards)};
+    return {
+        camera, Aruco(camera, settings), std::move(file.boards),
+        [refused](const evmarker::BoardContradiction& contradiction) { refused->push_back(contradiction.message()); }};
   }
 
   static evmarker::TrackerSettings<> settings(const TrackerOptions& options) {
@@ -123,6 +131,8 @@ class Tracker {
 
   py::dtype pose_dtype_ = pose_dtype();
   std::mutex mutex_;
+  std::shared_ptr<std::vector<std::string>> refused_ =
+      std::make_shared<std::vector<std::string>>();  // what is to warn of
   evmarker::Tracker<Detector> tracker_;
 };
 

@@ -229,6 +229,24 @@ def test_boards_are_those_of_track_file(folder):
     require_equal(poses, table(folder / "cube.csv"))
 
 
+def test_a_board_that_is_seen_otherwise_than_its_file_says_is_refused_with_a_warning(folder):
+    def write(name, x):
+        markers = "".join(
+            f"  - {{ id: {id}, length: 0.05, rotation: [0, 0, 0], translation: [{sign * x}, 0, 0] }}\n"
+            for id, sign in ((1, -1), (2, 1))
+        )
+        (folder / name).write_text(f"dictionary: DICT_4X4_50\nboard: 100\nmarkers:\n{markers}")
+        return folder / name
+
+    right, wrong = write("right.yml", 0.035), write("wrong.yml", 0.05)
+    run("simulate", "two.raw", "--board", right, "--distance", 0.4, "--duration", 0.1, folder=folder)
+    camera = evmarker.load_calibration(folder / "two.yml")
+    events = joined(evmarker.read(folder / "two.raw"))
+    assert len(evmarker.Tracker(camera, boards=right).push(events)) > 100
+    with pytest.warns(UserWarning, match="board 100 does not fit its file: marker "):
+        assert len(evmarker.Tracker(camera, boards=wrong).push(events)) == 0
+
+
 def test_ids_and_lengths_choose_the_markers(camera):
     markers = {id: evmarker.handheld(seed=id, amplitude_m=(0.01, 0.01, 0.01)) for id in (3, 4)}
     right = lambda seconds: markers[4](seconds) + 0.15 * np.eye(4, k=3)
