@@ -1,4 +1,8 @@
 // Plays a recording again and again through a pipeline that is stopped and started: does it stay as it was?
+#if __has_include(<malloc.h>)
+#include <malloc.h>
+#endif
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -179,6 +183,10 @@ void run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
+#ifdef M_ARENA_MAX
+  // Which of glibc's arenas a thread gets, and so how many there are after the pipeline's later starts, is chance.
+  mallopt(M_ARENA_MAX, 1);
+#endif
   return console::run<Options>(
       "soak", "Plays a recording again and again through a pipeline and says whether memory and error stay the same.",
       argc, argv, run);
