@@ -183,8 +183,7 @@ Deviations deviations_of(const std::vector<BoardCorners>& views, const CameraFit
   return sigma;
 }
 
-// What a board's file says wrong is taken for the camera's: says so where the views show that the distances between the
-// markers are others.
+// Wrong distances between the markers would be taken for the lens: says so where the views show that they are others.
 void check_pitch(const std::vector<BoardCorners>& views, const CameraFit& fit, const Options& options,
                  SensorSize size) {
   constexpr double kSigmas = 4, kLeast = 0.003;

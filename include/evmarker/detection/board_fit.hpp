@@ -143,10 +143,10 @@ inline MarkerScale fit_marker_scale(const Eigen::Isometry3d& T, const std::vecto
   double squares = 0;
   for (const auto& [row, residual_px, weight] : measurements)
     squares += weight * std::pow(residual_px - std::inner_product(row.begin(), row.end(), solution.begin(), 0.0), 2);
-  const double variance_px = squares / static_cast<double>(measurements.size() - kUnknowns);
+  const double variance_px2 = squares / static_cast<double>(measurements.size() - kUnknowns);
   Cholesky<kUnknowns>::Vector of_scale{};
   of_scale[kScale] = 1;
-  return {1 + solution[kScale], std::sqrt(variance_px * factors.solve(of_scale)[kScale])};
+  return {1 + solution[kScale], std::sqrt(variance_px2 * factors.solve(of_scale)[kScale])};
 }
 
 }  // namespace evmarker
