@@ -115,6 +115,39 @@ TEST_CASE("a plate that leaves the image by nearly a half is followed out and ba
   CHECK(outcome.accuracy.translation_mm().mean < 0.1);
 }
 
+TEST_CASE("a plate of which half is covered is followed by the rest, and lost as hidden when all of it is") {
+  const Trajectory motion = trajectory::handheld(
+      {.T_centre = facing_pose({0, 0, 0.4}), .amplitude_m = {0.05, 0.04, 0.05}, .frequency_hz = 1.3, .seed = 76});
+  constexpr double kHalf_px = 0.1 * 533 / 0.4;
+  // Moves with the plate: over its left half, later over all.
+  const auto cover = [&](double centre_m, double from_s, double until_s) {
+    return Occluder{.centre_px = [=](double s) -> Eigen::Vector2d {
+                      return simulated::camera.project(motion(s) * Vector3d(centre_m, 0, 0));
+                    },
+                    .half_size_px = {kHalf_px, kHalf_px},
+                    .from_s = from_s,
+                    .until_s = until_s};
+  };
+  Scene scene{simulated_markers(plate(), motion), {}, {}};
+  scene.occluders = {cover(-0.1, 0.2, 0.7), cover(0, 0.7, 1)};
+  const auto events = simulated::record(simulated::camera, scene, SimulatorSettings{.duration_s = 0.9, .seed = 76});
+  Tracker tracker(simulated::camera, BoardDetector(simulated::camera, aruco(0.04), {plate()}));
+  AccuracyMeter covered;
+  std::vector<LossReason> losses;
+  Timestamp tracked_until = 0;
+  tracker.push(events, [&](const PoseEstimate& pose) {
+    if (pose.quality.state == TrackingState::lost) losses.push_back(pose.quality.loss_reason);
+    if (pose.quality.state == TrackingState::tracking) tracked_until = pose.t;
+    if (pose.t > 300000 && pose.t < 700000) covered.add(pose, motion(simulated::seconds(pose.t)));
+  });
+  print_accuracy("half covered", covered);
+  MESSAGE("tracking until " << tracked_until << " us, lost " << losses.size() << " times");
+  REQUIRE(covered.tracking() > 1000);
+  CHECK(covered.lost() == 0);
+  CHECK(covered.translation_mm().median < 0.2);
+  CHECK(tracked_until < 800000);
+}
+
 TEST_CASE("a board that is tracked already is lost as refused once its markers are seen otherwise than its file says") {
   const Trajectory motion = trajectory::handheld(
       {.T_centre = facing_pose({0, 0, 0.4}), .amplitude_m = {0.08, 0.06, 0.08}, .frequency_hz = 1.3, .seed = 75});

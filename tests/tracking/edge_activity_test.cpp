@@ -37,7 +37,7 @@ struct Walk {
     place += way;
     t += 1000;
     interval = activity.evaluate(model, square_at(place.x(), place.y()), t, kNoCounts);
-    return interval ? std::optional(interval->log_ratio_hidden) : std::nullopt;
+    return interval ? std::optional(interval->markers[0].log_ratio_hidden) : std::nullopt;
   }
 };
 

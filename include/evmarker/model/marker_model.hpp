@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
@@ -183,6 +184,16 @@ inline MarkerModel make_code_marker(double length, const CodeBits& bits) {
     add_line(line, false);
   }
   return model;
+}
+
+/// The marker of a board, by its place in `codes`, that each segment belongs to; 0 for all segments of any other
+/// wireframe.
+inline std::vector<std::size_t> marker_of_segments(const MarkerModel& model) {
+  std::vector<std::size_t> markers;
+  for (std::size_t i = 0; i < model.codes.size(); ++i)
+    markers.insert(markers.end(), make_code_marker(model.codes[i].length, model.codes[i].bits).segments.size(), i);
+  if (markers.size() != model.segments.size()) markers.assign(model.segments.size(), 0);
+  return markers;
 }
 
 /// The centre of the box around all vertices [m, marker frame]; there must be at least one.

@@ -22,7 +22,7 @@ namespace evmarker {
 /// Compares each edge's events with that edge's own history. The number of an edge's events is the area that it sweeps
 /// in the image, times a rate of its own: rates of printed edges differ by their contrast, those of a body's edges by
 /// up to forty times. An edge that makes hardly any of the events that it used to make is hidden, or is not there, and
-/// the wireframe follows something else.
+/// the wireframe follows something else. Of a board, each marker is judged by itself: a hand may cover some.
 class EdgeActivity {
  public:
   /// @param focal_length [px]
@@ -32,6 +32,8 @@ class EdgeActivity {
       : focal_length_(focal_length),
         image_(image),
         events_to_evaluate_(std::clamp(20 * static_cast<int>(model.segments.size()), 60, 400)),
+        marker_of_(marker_of_segments(model)),
+        markers_(std::max<std::size_t>(1, model.codes.size())),
         counts_(model.segments.size()),
         history_(counts_.size()),
         middle_events_(counts_.size()),
@@ -43,10 +45,16 @@ class EdgeActivity {
       dark_sides_known_ = dark_sides_known_ && !segment.dark_side.isZero();
   }
 
+  /// A marker of a board, or the whole of any other wireframe, in an interval.
+  struct MarkerActivity {
+    int in_sight = 0;  ///< how many of its edges were
+    /// Logarithm of how much likelier its events are if half of its edges are hidden than if none is.
+    double log_ratio_hidden = 0;
+  };
+
   /// What the edges did from one evaluation to the next.
   struct Interval {
-    /// Logarithm of how much likelier their events are if half of the edges are hidden than if none is.
-    double log_ratio_hidden = 0;
+    std::span<const MarkerActivity> markers{};  ///< valid until the next evaluation
     double events = 0;         ///< of edges that moved to the same side as before, and whose dark side is known
     double contradicting = 0;  ///< how many of those do not have the polarity that the motion makes
     double duration_us = 0;
@@ -155,8 +163,11 @@ class EdgeActivity {
     // Motion counts only as far as the edges that do make events confirm it: after a motion that was only predicted, no
     // edge counts as silent.
     const double confirmed = all > 0 ? confirming / all : 0;
-    Interval interval;
+    std::ranges::fill(markers_, MarkerActivity());
+    Interval interval{.markers = markers_};
     for (std::size_t i = 0; i < end_.size(); ++i) {
+      MarkerActivity& marker = markers_[marker_of_[i]];
+      marker.in_sight += in_sight(i);
       const double length_px = norm(end_[i].along), jitter = kJitter_px * length_px;
       const double swept = this->swept(i), confirmed_swept = confirmed * swept;
       // Of an edge that hardly moved across itself, neither its silence nor its rate is known.
@@ -168,7 +179,7 @@ class EdgeActivity {
       const double log_ratio = confirmed_swept > jitter && expected_to_make_events(i, length_px)
                                    ? evidence_of_edge(i, confirmed_swept, jitter)
                                    : 0;
-      interval.log_ratio_hidden += log_ratio;
+      marker.log_ratio_hidden += log_ratio;
       if (log_ratio > 0) continue;  // a hidden edge's events do not show its usual rate
       history_[i].events = kKept * history_[i].events + confirmed * counts_[i].events;
       history_[i].swept_px2 = kKept * history_[i].swept_px2 + confirmed_swept;
@@ -269,9 +280,11 @@ class EdgeActivity {
 
   double focal_length_;
   Box image_;
-  int events_to_evaluate_;        // from one evaluation to the next: some for every edge
-  bool dark_sides_known_ = true;  // of all edges, as on printed markers: one mean rate will do for all
-  std::vector<Count> counts_;     // of every segment, in this interval
+  int events_to_evaluate_;              // from one evaluation to the next: some for every edge
+  bool dark_sides_known_ = true;        // of all edges, as on printed markers: one mean rate will do for all
+  std::vector<std::size_t> marker_of_;  // of every segment
+  std::vector<MarkerActivity> markers_;
+  std::vector<Count> counts_;  // of every segment, in this interval
   std::vector<Activity> history_;
   std::vector<std::uint32_t> middle_events_;  // of every segment, at the begin of the interval, modulo 2^32
   EdgeContrasts contrasts_;

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
+#include <vector>
 
 #include "evmarker/base/box.hpp"
 #include "evmarker/base/require.hpp"
@@ -43,6 +45,7 @@ class TrackHealth {
   TrackHealth(const MarkerModel& model, double focal_length, const TrackHealthSettings& settings,
               const Box& image = Box::everywhere())
       : bound_(-std::log(settings.false_alarm_rate) / 2),  // 2 bound_ from full confidence to a loss
+        shown_log_odds_(std::max<std::size_t>(1, model.codes.size())),
         activity_(model, focal_length, image) {
     validate(settings);
     restart(0);
@@ -109,8 +112,7 @@ class TrackHealth {
                    std::span<const std::uint32_t> middle_events) noexcept {
     const auto interval = activity_.evaluate(model, T_camera_marker, t, middle_events);
     if (!interval) return;
-    // Where the motion turns or a lamp goes on, all edges may seem wrong for a moment: one interval is not enough.
-    judge(std::clamp(interval->log_ratio_hidden, -bound_, bound_), LossReason::hidden);
+    judge_hidden(interval->markers);
     // Half of the background that matches by chance contradicts.
     const double by_background = 0.5 * kMatchedToNear * near_per_us_ * interval->duration_us;
     const double contradicting = std::max(0.0, interval->contradicting - by_background);
@@ -132,6 +134,7 @@ class TrackHealth {
   /// for the others.
   void restart(Timestamp t) noexcept {
     log_odds_.fill(bound_);
+    std::ranges::fill(shown_log_odds_, bound_);
     polarity_log_odds_ = bound_;
     log_odds_[static_cast<std::size_t>(LossReason::inconsistent)] = 0;
     log_odds_[static_cast<std::size_t>(LossReason::verification)] = 0;
@@ -180,6 +183,19 @@ class TrackHealth {
     summarise();
   }
 
+  // A board is in sight as long as one of its markers is, by evidence that would do for that marker alone.
+  void judge_hidden(std::span<const EdgeActivity::MarkerActivity> markers) noexcept {
+    double most = -std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < markers.size(); ++i) {
+      if (markers[i].in_sight == 0) continue;
+      // Where the motion turns or a lamp goes on, all edges may seem wrong for a moment: one interval is not enough.
+      const double evidence = std::clamp(markers[i].log_ratio_hidden, -bound_, bound_);
+      shown_log_odds_[i] = std::min(std::max(shown_log_odds_[i], -bound_) - evidence, bound_);
+      most = std::max(most, shown_log_odds_[i]);
+    }
+    if (std::isfinite(most)) log_odds_[static_cast<std::size_t>(LossReason::hidden)] = most;
+  }
+
   // Here and not in `probability`, which is called with every event.
   void summarise() noexcept {
     lost_ = least() <= -bound_;
@@ -191,7 +207,8 @@ class TrackHealth {
   double bound_;  // of the logarithm of the odds, to both sides
   // That it is not lost, by LossReason; bound_ for a reason without a test.
   std::array<double, kLossReasons> log_odds_{};
-  double polarity_log_odds_ = 0;  // that the pose is right, by the polarities; it stays above -bound_
+  std::vector<double> shown_log_odds_;  // of each marker of a board, that it is not hidden
+  double polarity_log_odds_ = 0;        // that the pose is right, by the polarities; it stays above -bound_
   bool lost_ = false;
   double probability_ = 0.5;
   EdgeActivity activity_;
