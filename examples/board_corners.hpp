@@ -128,7 +128,7 @@ class MarkerFollower {
 
 inline constexpr std::size_t kFewestMarkers = 4;  ///< of a view that tells of the camera
 
-/// How many views have so many.
+/// How many views have so many markers or more.
 inline std::size_t with_enough_markers(const std::vector<BoardCorners>& views) {
   return static_cast<std::size_t>(
       std::ranges::count_if(views, [](const BoardCorners& view) { return view.markers.size() >= kFewestMarkers; }));

@@ -282,7 +282,8 @@ TEST_CASE(
   std::swap(renumbered.markers[0].id, renumbered.markers[1].id);
   // The best fit leaves no corner 2 px off.
   for (BoardMarker& m : tight.markers) m.T_board_marker.translation() *= 0.93;
-  for (const Board& wrong : {turned, stretched, renumbered, tight}) {
+  const std::vector<Board> wrongs{turned, stretched, renumbered, tight};
+  for (const Board& wrong : wrongs) {
     auto detector = detector_of(wrong);
     for (int frame_number = 0; frame_number < 10; ++frame_number) {
       CHECK(detector.detect(frame).empty());
@@ -291,7 +292,7 @@ TEST_CASE(
     CHECK(detector.refused() == std::vector<MarkerId>{kId});
     REQUIRE(reported.size() == 1);
     CHECK(reported[0].board == kId);
-    CHECK((reported[0].seen - reported[0].in_file).norm() > 0.006);
+    CHECK((reported[0].seen - reported[0].in_file).norm() > (&wrong == &wrongs.back() ? 0.006 : 0.01));
     const auto place = [&](const Board& board, MarkerId id) {
       return Vector3d(std::ranges::find(board.markers, id, &BoardMarker::id)->T_board_marker.translation());
     };

@@ -115,7 +115,7 @@ TEST_CASE("a plate that leaves the image by nearly a half is followed out and ba
   CHECK(outcome.accuracy.translation_mm().mean < 0.1);
 }
 
-TEST_CASE("a plate of which half is covered is followed by the rest, and lost as hidden when all of it is") {
+TEST_CASE("a plate of which half is covered is followed by the rest, and lost when all of it is") {
   const Trajectory motion = trajectory::handheld(
       {.T_centre = facing_pose({0, 0, 0.4}), .amplitude_m = {0.05, 0.04, 0.05}, .frequency_hz = 1.3, .seed = 76});
   constexpr double kHalf_px = 0.1 * 533 / 0.4;

@@ -32,8 +32,8 @@ struct BoardFit {
 
 namespace detail {
 
-// Calls `use(P, residual_px, from_centre)` for every corner of the seen markers: its place by pose T, the vector from
-// the image of P to where the corner was detected, and from its marker's centre to P [m, camera frame].
+// Calls `use(P, residual_px, from_centre)` for every corner of the seen markers: with its place P by pose T [m, camera
+// frame], the vector from the image of P to where the corner was detected, and that from its marker's centre to P [m].
 template <typename Use>
 void for_each_corner(const Eigen::Isometry3d& T, const std::vector<SeenMarker>& seen_markers, double focal_length,
                      Use&& use) {
