@@ -2,6 +2,7 @@
 // A tracker's request to a detector, and the detector's result.
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -82,13 +83,33 @@ struct DetectionResult {
   std::span<const Marker> detected_markers() const noexcept { return std::span(markers).first(detected); }
 };
 
-/// True if the marker's origin at a pose is, in the image, nearer to its origin as detected than half of the diagonal
-/// of the box around the detected marker.
+/// How far a tracked marker may be from where it was detected [m, across the line of sight]. A code is only read where
+/// its cells are right to half of one; a pose that follows wrong edges, as those of the code in place of the border's,
+/// is off by a whole one. So for codes, it is three quarters of the shortest edge; for another wireframe, of whose
+/// detector nothing is known, half of its size.
+inline double most_off(const MarkerModel& model) noexcept {
+  const auto vertex = [&](int index) { return Vec3(model.vertices[static_cast<std::size_t>(index)]); };
+  double shortest = std::numeric_limits<double>::infinity(), size = 0;
+  for (const MarkerSegment& segment : model.segments)
+    shortest = std::min(shortest, norm(vertex(segment.to) - vertex(segment.from)));
+  for (const Eigen::Vector3d& a : model.vertices)
+    for (const Eigen::Vector3d& b : model.vertices) size = std::max(size, norm(Vec3(a) - Vec3(b)));
+  const bool is_code = model.cells > 0 || !model.codes.empty();
+  return is_code ? 0.75 * shortest : 0.5 * size;
+}
+
+/// True if a marker at a pose is, in the image, where it was detected, at one pose or the other: all vertices are, see
+/// `most_off`.
 inline bool same_place(const DetectionResult::Marker& detected, const Eigen::Isometry3d& T_camera_marker) noexcept {
-  const Eigen::Isometry3d& T = detected.detection.T_camera_marker;
-  Box box;
-  for (const Eigen::Vector3d& vertex : detected.model.vertices) box.extend(on_plane(transform(T, vertex)));
-  return norm(on_plane(translation(T)) - on_plane(translation(T_camera_marker))) < norm(box.high - box.low) / 2;
+  const double most_m = most_off(detected.model);
+  const auto near = [&](const Eigen::Isometry3d& T) {
+    return std::ranges::all_of(detected.model.vertices, [&](const Eigen::Vector3d& vertex) {
+      const Vec3 there = transform(T, vertex);
+      return norm(there.z * (on_plane(there) - on_plane(transform(T_camera_marker, vertex)))) < most_m;
+    });
+  };
+  const auto& [id, t, T, alternative, corners_px] = detected.detection;
+  return near(T) || (alternative && near(*alternative));
 }
 
 /// True if a detection without an alternative differs from a tracked pose in its rotation, by more than 0.25 rad. That

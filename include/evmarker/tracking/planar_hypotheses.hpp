@@ -82,6 +82,8 @@ class PlanarHypotheses {
     detected_elsewhere_ = elsewhere ? detected_elsewhere_ + 1 : 0;
     return detected_elsewhere_ >= (tracker_.state() == TrackingState::tracking ? kOftenElsewhere : kOftenInDoubt);
   }
+  /// True if it was elsewhere at the last detection.
+  bool detected_elsewhere() const noexcept { return detected_elsewhere_ > 0; }
   /// Frees the memory of the pose that was dropped, which `push` leaves.
   void free_memory() noexcept {
     if (!ambiguous_) rival_.reset();

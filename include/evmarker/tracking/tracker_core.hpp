@@ -162,7 +162,8 @@ class TrackerCore {
     announce_confirmed();  // those just added, if one detection is enough
     move_lost_to_missing();
     search_often_ = searching();
-    schedule_.note_all_tracked(result.all_tracked && !search_often_);
+    const bool contradicted = std::ranges::any_of(confirmed_.all(), &PlanarHypotheses<Rule>::detected_elsewhere);
+    schedule_.note_all_tracked(result.all_tracked && !search_often_ && !contradicted);
     deliver(use);
   }
 
