@@ -1771,6 +1771,8 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
   const std::string with_camera = "track_file recording.raw --marker-length 0.10 --camera ";
   const auto track_this = [](const std::string& name) { return "track_file " + name + kOptions; };
   const auto body = [](std::string text) { return [text](const std::string&) { return text; }; };
+  std::string seconds;
+  for (int i = 0; i < 1000; ++i) seconds += "100,100,1,0.00" + std::to_string(1000 + i) + "\n";
   for (const char* screen : {"DISPLAY", "WAYLAND_DISPLAY"}) ::unsetenv(screen);
 
   struct Case {
@@ -1862,6 +1864,10 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {track_this("tie.csv"), {"tie.csv", "'txyp' or 'xytp'", "--columns t,x,y,p"}, "tie.csv", "1,2,3,1\n4,5,6,0\n"},
       {track_this("wide.csv"), {"wide.csv", "line 1", "70000,480"}, "wide.csv", "%geometry:70000,480\n1,2,1,3\n"},
       {track_this("far.csv"), {"far.csv", "line 2", "x is '65541'"}, "far.csv", "1,2,1,3\n65541,2,1,4\n"},
+      {track_this("s.csv") + " --time-unit us",
+       {"s.csv", "not us", "faster than any camera's", "--time-unit s|ms|us|ns"},
+       "s.csv",
+       seconds},
       {track_this("a.csv") + " --time-unit days", {"--time-unit", "days"}, "a.csv", text_events(100, 100)},
       {track_this("a.csv") + " --columns x,y,t", {"columns is 'x,y,t'"}, "a.csv", text_events(100, 100)},
       {track + " --ids 50", {"marker id 50", "DICT_4X4_50", "0 to 49"}},

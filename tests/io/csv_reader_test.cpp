@@ -224,6 +224,32 @@ TEST_CASE("CsvReader: two units that are plausible, or none, are refused in one 
                  "cannot tell the unit"));
 }
 
+TEST_CASE("CsvReader: a unit in which no camera is so fast is refused, fractions of microseconds are read") {
+  auto events = some_events();
+  const auto seconds = [](Timestamp t) { return decimal("%.6f", t, 1e-6); };
+  CsvReaderOptions options = kSize;
+  for (const auto& [unit, name] : {std::pair(TimeUnit::microseconds, "us"), std::pair(TimeUnit::nanoseconds, "ns")}) {
+    options.layout.time_unit = unit;
+    const std::string refused = error_in(lines_of(events, "txyp", seconds, zero_or_one, ' '), options);
+    CHECK_MESSAGE(contains(refused, "a.csv: the unit of its times is not " + std::string(name) +
+                                        ", in which its first " + std::to_string(events.size()) +
+                                        " events would come faster than any camera's: name "
+                                        "it, --time-unit s|ms|us|ns"),
+                  refused);
+    CHECK(refused.find('\n') == std::string::npos);
+  }
+  CHECK(contains(error_in("x,y,p,t_us\n" + lines_of(events, "xypt", seconds, zero_or_one)), "times is not us"));
+  options.layout.time_unit = TimeUnit::seconds;
+  CHECK(read(lines_of(events, "txyp", seconds, zero_or_one, ' '), options) == events);
+  options.layout.time_unit = TimeUnit::microseconds;
+  for (const char* fraction : {".0", ".25"}) {
+    const auto time = [&](Timestamp t) { return std::to_string(t) + fraction; };
+    CHECK(read(lines_of(events, "txyp", time, zero_or_one, ' '), options) == events);
+  }
+  for (Event& event : events) event.t = 7;  // an image of which all pixels fire at once, as a simulator may have it
+  CHECK(read(lines_of(events, "txyp", whole, zero_or_one, ' '), options) == events);
+}
+
 TEST_CASE("CsvReader: an index, quoted names, a byte order mark, names in a comment, numbers of numpy.savetxt") {
   const std::vector<Event> expected{{5, 6, 1, 100}, {7, 8, 0, 101}};
   CHECK(read(",x,y,p,t\n0,5,6,1,100\n1,7,8,0,101\n") == expected);                            // pandas

@@ -44,13 +44,14 @@ std::filesystem::path write_hdf5(const TemporaryFolder& folder, const Hdf5Bytes&
 }
 
 /// The first time of a file whose times are these.
-Timestamp first_time(const std::vector<double>& times, hid_t type, const char* name = "t") {
+Timestamp first_time(const std::vector<double>& times, hid_t type, const char* name = "t",
+                     std::optional<TimeUnit> unit = std::nullopt) {
   const TemporaryFolder folder;
   Hdf5Bytes file;
   const std::vector<std::int64_t> ones(times.size(), 1);
   for (const char* column : {"events/x", "events/y", "events/p"}) file.add(column, ones, H5T_STD_I32LE);
   file.add(std::string("events/") + name, times, type);
-  Hdf5Reader reader(write_hdf5(folder, file), {{.sensor_size = SensorSize{640, 480}}});
+  Hdf5Reader reader(write_hdf5(folder, file), {{.sensor_size = SensorSize{640, 480}}, unit});
   return reader.next_batch()[0].t;
 }
 
@@ -317,6 +318,10 @@ TEST_CASE("Hdf5Reader: the unit of the times, by name, kind of number or the eve
   for (int i = 0; i < 2000; ++i) ambiguous.push_back(0.5 + 0.137 * i);
   CHECK(
       contains(error_of([&] { first_time(ambiguous, H5T_IEEE_F64LE); }), "cannot tell the unit of its times: name it"));
+  CHECK(first_time(seconds, H5T_IEEE_F64LE, "t", TimeUnit::seconds) == 1234567);
+  CHECK(
+      contains(error_of([&] { first_time(seconds, H5T_IEEE_F64LE, "t", TimeUnit::microseconds); }),
+               "the unit of its times is not us, in which its first 1000 events would come faster than any camera's"));
   CHECK(first_time({5, 6}, H5T_STD_U64LE, "t_ms") == 5000);
   CHECK(first_time({-0.25, 6}, H5T_IEEE_F32LE) == -250000);
 }

@@ -66,7 +66,7 @@ class Hdf5Reader final : public CollectingReader {
       offset_ = hdf5_number(file_.get(), "t_offset").value_or(0);
       collector_.set_sensor_size(
           choose_sensor_size(hdf5_sensor_size(file_.get()), options, SensorSize::kMaxSide, "HDF5", path));
-      unit_ = options.time_unit ? *options.time_unit : recognize_unit();
+      unit_ = recognize_unit(options.time_unit);
       microseconds_each_ = std::pow(10, places_to_microseconds(unit_));
       times_are_microseconds_ = unit_ == TimeUnit::microseconds && offset_ == 0 && !has_float_times_;
     } catch (const RecordingError&) {
@@ -91,12 +91,17 @@ class Hdf5Reader final : public CollectingReader {
 
   const Hdf5Column& times() const noexcept { return events_.columns[kT]; }
 
-  TimeUnit recognize_unit() const {
-    if (events_.time_unit) return *events_.time_unit;
+  TimeUnit recognize_unit(std::optional<TimeUnit> asked) const {
+    if (!asked && events_.time_unit) return *events_.time_unit;
     std::vector<double> first(static_cast<std::size_t>(std::min<std::uint64_t>(rows_, 1000)));
     times().read(0, std::span(first));
     if (!std::ranges::all_of(first, [](double t) { return std::isfinite(t); }))
       throw std::runtime_error(events_.path + ": not all times are numbers");
+    const std::string name_it = ": name it, --time-unit s|ms|us|ns (in the options: time_unit)";
+    if (asked)
+      if (const std::string fault = detail::unit_fault(first, *asked, collector_.sensor_size()); !fault.empty())
+        throw std::runtime_error(fault + name_it);
+    if (asked) return *asked;
     const bool whole = std::ranges::all_of(first, [](double t) { return t == std::floor(t); });
     const auto customary = whole ? TimeUnit::microseconds : TimeUnit::seconds;
     constexpr std::size_t kFew = 100;  // fewer have no meaningful rate
@@ -105,8 +110,7 @@ class Hdf5Reader final : public CollectingReader {
     const auto units = detail::plausible_units(first, collector_.sensor_size());
     if (units.empty() || std::ranges::find(units, customary) != units.end()) return customary;
     if (units.size() == 1) return units[0];
-    throw std::runtime_error(
-        "cannot tell the unit of its times: name it, --time-unit s|ms|us|ns (in the options: time_unit)");
+    throw std::runtime_error("cannot tell the unit of its times" + name_it);
   }
 
   bool read_piece() override {

@@ -17,6 +17,9 @@
 
 namespace evmarker::io::detail {
 
+/// So many times prove what is not customary.
+inline constexpr std::size_t kManyTimes = 100;
+
 /// The numbers of sampled lines; what is no number is NaN, `True` is 1.
 using Samples = std::vector<std::vector<double>>;
 
@@ -83,33 +86,51 @@ inline bool is_coarse(const std::vector<double>& times, double milliseconds) {
   });
 }
 
+/// Events per second and pixel of the sampled times in this unit, without the first and last twentieth: a single wrong
+/// time must not decide.
+/// @param times ascending
+inline double pixel_rate(const std::vector<double>& times, TimeUnit unit, SensorSize size) {
+  const double pixels = std::max(128.0 * 128, static_cast<double>(size.width) * size.height);
+  const double seconds = std::pow(10, places_to_microseconds(unit) - 6);
+  const std::size_t first = times.size() / 20, last = times.size() - 1 - first;
+  return static_cast<double>(last - first) / ((times[last] - times[first]) * seconds * pixels);
+}
+
 /// The units that make the sampled times those of an event camera: 0.01 to 100 events per second and pixel, resolved
 /// finer than milliseconds.
 /// @param times ascending
 inline std::vector<TimeUnit> plausible_units(const std::vector<double>& times, SensorSize size) {
-  const double pixels = std::max(128.0 * 128, static_cast<double>(size.width) * size.height);
-  // Without the first and last twentieth: a single wrong time must not decide.
-  const std::size_t first = times.size() / 20, last = times.size() - 1 - first;
   std::vector<TimeUnit> units;
   for (const TimeUnit unit :
        {TimeUnit::seconds, TimeUnit::milliseconds, TimeUnit::microseconds, TimeUnit::nanoseconds}) {
-    const double seconds = std::pow(10, places_to_microseconds(unit) - 6);
-    const double pixel_rate = static_cast<double>(last - first) / ((times[last] - times[first]) * seconds * pixels);
-    if (pixel_rate >= 0.01 && pixel_rate <= 100 && !is_coarse(times, 1000 * seconds)) units.push_back(unit);
+    const double rate = pixel_rate(times, unit, size), milliseconds = std::pow(10, places_to_microseconds(unit) - 3);
+    if (rate >= 0.01 && rate <= 100 && !is_coarse(times, milliseconds)) units.push_back(unit);
   }
   return units;
+}
+
+/// What shows that many sampled times are in a longer unit than this one, which is named: no event camera is so fast.
+/// Empty if nothing does, as where all are the same.
+inline std::string unit_fault(std::vector<double> times, TimeUnit unit, SensorSize size) {
+  constexpr double kMost = 1e4;  // events per second and pixel
+  if (unit == TimeUnit::seconds || times.size() < kManyTimes) return {};
+  std::ranges::sort(times);
+  const double rate = pixel_rate(times, unit, size);
+  if (rate <= kMost || std::isinf(rate)) return {};
+  return std::string("the unit of its times is not ") + to_string(unit) + ", in which its first " +
+         std::to_string(times.size()) + " events would come faster than any camera's";
 }
 
 /// The unit of times whose column names none; nothing where the times do not show it.
 /// @param metavision true for Metavision's CSV, with its line `%geometry`: whole numbers are microseconds
 inline std::optional<TimeUnit> guess_time_unit(std::vector<double> times, SensorSize size, bool metavision) {
-  constexpr std::size_t kFew = 10, kMany = 100;  // few events have no rate, and only many prove what is not customary
+  constexpr std::size_t kFew = 10;  // events, which have no rate
   const bool whole = std::ranges::all_of(times, [](double t) { return t == std::floor(t); });
   const auto customary = whole ? TimeUnit::microseconds : TimeUnit::seconds;
   if (times.size() < 2 || (metavision && whole)) return customary;
   std::ranges::sort(times);
   const auto units = plausible_units(times, size);
-  if (units.size() == 1 && (units[0] == customary || times.size() >= kMany)) return units[0];
+  if (units.size() == 1 && (units[0] == customary || times.size() >= kManyTimes)) return units[0];
   const bool possible = units.empty() || std::ranges::find(units, customary) != units.end();
   if (times.size() < kFew && possible) return customary;
   return std::nullopt;

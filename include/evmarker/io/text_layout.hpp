@@ -129,8 +129,9 @@ inline void recognize_columns(TextHead& head, std::optional<SensorSize> size) {
   if (!text.columns.empty()) text.fault.clear();
 }
 
-/// Completes the unit of time: the one in which the samples are those of an event camera.
-inline void recognize_time_unit(TextHead& head, std::optional<SensorSize> size) {
+/// Completes the unit of time: the one that is named, unless no camera can be so fast, else the one in which the
+/// samples are those of an event camera.
+inline void recognize_time_unit(TextHead& head, std::optional<TimeUnit> named, std::optional<SensorSize> size) {
   const std::string& columns = head.text.columns;
   const std::size_t t = columns.find('t'), x = columns.find('x'), y = columns.find('y');
   std::vector<double> times;
@@ -141,11 +142,12 @@ inline void recognize_time_unit(TextHead& head, std::optional<SensorSize> size) 
     if (line[x] < 2048 && line[x] >= seen.width) seen.width = static_cast<int>(line[x]) + 1;
     if (line[y] < 2048 && line[y] >= seen.height) seen.height = static_cast<int>(line[y]) + 1;
   }
-  if (const auto unit = guess_time_unit(std::move(times), size.value_or(seen), head.metavision))
-    head.text.time_unit = *unit;
-  else
-    head.text.fault =
-        "cannot tell the unit of its times: name it, --time-unit s|ms|us|ns (in the options: text_layout.time_unit)";
+  const auto unit = named ? named : guess_time_unit(times, size.value_or(seen), head.metavision);
+  std::string& fault = head.text.fault;
+  if (named) fault = unit_fault(std::move(times), *named, size.value_or(seen));
+  if (!unit) fault = "cannot tell the unit of its times";
+  if (!fault.empty()) fault += ": name it, --time-unit s|ms|us|ns (in the options: text_layout.time_unit)";
+  if (unit) head.text.time_unit = *unit;
 }
 
 }  // namespace detail
@@ -161,11 +163,8 @@ inline RecognizedText recognize_text(std::string_view head, const TextLayout& la
     if (c != ',' && c != ' ') lines.text.columns += c;
   if (!lines.text.fault.empty()) return lines.text;
   if (layout.columns.empty()) detail::recognize_columns(lines, size);
-  const auto unit = layout.time_unit ? layout.time_unit : lines.names.time_unit;
-  if (unit)
-    lines.text.time_unit = *unit;
-  else if (NamedColumns{lines.text.columns}.complete())
-    detail::recognize_time_unit(lines, size);
+  if (NamedColumns{lines.text.columns}.complete())
+    detail::recognize_time_unit(lines, layout.time_unit ? layout.time_unit : lines.names.time_unit, size);
   return lines.text;
 }
 
