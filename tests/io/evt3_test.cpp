@@ -122,6 +122,26 @@ TEST_CASE("EVT3: a garbled TIME_HIGH that the next contradicts is not followed")
       }
 }
 
+TEST_CASE("EVT3: two garbled TIME_HIGH in a row shift nothing behind the next one") {
+  for (const unsigned last : {0U, 2048U, 4090U})
+    for (unsigned first = 0; first < 4096; first += 37)
+      for (unsigned second = 0; second < 4096; second += 37) {
+        const unsigned next = (last + 1) % 4096;
+        const auto far = [](unsigned a, unsigned b) { return (a - b) % 4096 > 20 && (b - a) % 4096 > 20; };
+        if (!far(first, last) || !far(second, last) || !far(first, second)) continue;
+        const auto behind = [&](unsigned one, unsigned two) {
+          const Decoded decoded = decode_evt3({high(last), y(0), x(0, 0), high(one), x(1, 0), high(two), x(2, 0),
+                                               high(next), x(3, 0), high((last + 2) % 4096), x(4, 0)});
+          REQUIRE(decoded.events.size() == 5);
+          return std::pair(decoded.events[3].t, decoded.events[4].t);
+        };
+        CAPTURE(last);
+        CAPTURE(first);
+        CAPTURE(second);
+        CHECK(behind(first, second) == behind(last, last));
+      }
+}
+
 TEST_CASE("EVT3: a jump that the next TIME_HIGH goes on from is followed") {
   const auto after = [](unsigned from, unsigned to) {
     const Decoded decoded = decode_evt3({high(from), y(0), x(0, 0), high(to), x(1, 0), high(to + 1), x(2, 0)});

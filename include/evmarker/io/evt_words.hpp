@@ -11,6 +11,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "evmarker/events/event.hpp"
@@ -40,8 +41,8 @@ inline void append_word(std::vector<std::byte>& bytes, Word word) {
 
 /// Extends TIME_HIGH, a counter of `Bits` bits that wraps around, to a count that does not.
 ///
-/// A word that jumps by 2^16 us or more is garbled where the next one goes on from the word before it. Where the next
-/// goes on from the jump, the camera has restarted, paused or lost data.
+/// A word that jumps by 2^16 us or more is garbled where the next one goes on from the word before it, and so are a few
+/// such words in a row. Where the next goes on from the jump, the camera has restarted, paused or lost data.
 /// @tparam LowBits bits of the time [us] below those of a time word
 template <int Bits, int LowBits>
 class TimeHighDecoder {
@@ -50,29 +51,28 @@ class TimeHighDecoder {
   /// @param find_next gives the time word behind `high`, if it is known
   template <typename FindNext>
   bool is_garbled(std::uint32_t high, const FindNext& find_next) const {
-    if (!any_ || !far(last_, high)) return false;
+    if (!any_ || !far(now_.last, high)) return false;
     const std::optional<std::uint32_t> next = find_next();
-    return next && contradicts(last_, high, *next);
+    return next && contradicts(now_.last, high, *next);
   }
 
   /// The last time word is repeated.
-  void confirm() noexcept { jumped_ = false; }
+  void confirm() noexcept { jumps_ = 0; }
 
   /// Count at the time word `high`. A step back by half the counter's range or more is a wrap, a smaller one is a step
-  /// back in time. A jump to the last time word is undone if `high` shows that it was garbled.
+  /// back in time. Jumps to the last time words are undone if `high` shows that these were garbled.
   std::int64_t unwrap(std::uint32_t high) noexcept {
-    if (jumped_ && contradicts(before_jump_, last_, high)) {
-      last_ = before_jump_;
-      wrapped_ = wrapped_before_jump_;
-      ++undone_;
+    if (jumps_ > 0) undo_garbled(high);
+    if (any_ && far(now_.last, high)) {
+      if (jumps_++ == 0) before_jumps_ = now_;
+      before_jump_ = now_;
+    } else {
+      jumps_ = 0;
     }
-    jumped_ = any_ && far(last_, high);
-    before_jump_ = last_;
-    wrapped_before_jump_ = wrapped_;
-    if (last_ >= std::uint64_t{high} + kRange / 2) wrapped_ += kRange;
-    last_ = high;
+    if (now_.last >= std::uint64_t{high} + kRange / 2) now_.wrapped += kRange;
+    now_.last = high;
     any_ = true;
-    return static_cast<std::int64_t>(wrapped_ + high);
+    return static_cast<std::int64_t>(now_.wrapped + high);
   }
 
   /// Number of jumps undone.
@@ -81,6 +81,23 @@ class TimeHighDecoder {
  private:
   static constexpr std::uint32_t kRange = std::uint32_t{1} << Bits;
   static constexpr std::uint32_t kNear = std::uint32_t{1} << (16 - LowBits);
+  static constexpr std::uint64_t kMostGarbled = 4;  // in a row; more jumps are those of a camera that sees little
+
+  struct Count {
+    std::uint32_t last = 0;
+    std::uint64_t wrapped = 0;  // unsigned, since garbled data may overflow it
+  };
+
+  void undo_garbled(std::uint32_t high) noexcept {
+    if (jumps_ > 1 && jumps_ <= kMostGarbled && far(now_.last, high) && !far(before_jumps_.last, high)) {
+      now_ = before_jumps_;
+      undone_ += std::exchange(jumps_, 0);
+    } else if (contradicts(before_jump_.last, now_.last, high)) {
+      now_ = before_jump_;
+      ++undone_;
+      --jumps_;
+    }
+  }
 
   // How far the counter goes from one word to another, without steps back.
   static std::uint32_t ahead(std::uint32_t from, std::uint32_t to) noexcept { return (to - from) & (kRange - 1); }
@@ -91,10 +108,9 @@ class TimeHighDecoder {
     return far(last, high) && far(high, next) && ahead(last, next) < ahead(last, high);
   }
 
-  std::uint64_t wrapped_ = 0, wrapped_before_jump_ = 0;  // unsigned, since garbled data may overflow it
-  std::uint32_t last_ = 0, before_jump_ = 0;
-  bool any_ = false, jumped_ = false;
-  std::uint64_t undone_ = 0;
+  Count now_, before_jump_, before_jumps_;  // before the last jump, and before the first of several in a row
+  bool any_ = false;
+  std::uint64_t jumps_ = 0, undone_ = 0;
 };
 
 /// Finds the TIME_HIGH words that lead a decoder from one time to the next.
