@@ -11,7 +11,6 @@
 #include <evmarker/events/time_guard.hpp>
 #include <evmarker/io/event_reader.hpp>
 #include <exception>
-#include <limits>
 #include <map>
 #include <span>
 #include <string>
@@ -23,6 +22,7 @@
 #include "input_options.hpp"
 #include "interruption.hpp"
 #include "rate_curve.hpp"
+#include "recorded_time.hpp"
 #include "recording_checks.hpp"
 #include "recording_faults.hpp"
 
@@ -134,7 +134,7 @@ class Profile {
     }
   }
 
-  double recorded_s() const { return end_ < begin_ ? 0 : 1e-6 * static_cast<double>(elapsed_us(begin_, end_)); }
+  double recorded_s() const { return recorded_.seconds(); }
 
   void print(const io::RecordingStatistics& statistics) const {
     std::printf("events     %" PRIu64, events_);
@@ -144,6 +144,7 @@ class Profile {
     for (const auto& [id, counts] : triggers_)
       std::printf("triggers   input %d: %" PRIu64 " rising, %" PRIu64 " falling\n", id, counts.first, counts.second);
     recording_faults::print(guard_.faults(), "events whose time neither the one before nor the one after confirms");
+    recording_faults::print(recorded_.stray(), recording_faults::kStray);
     recording_faults::print(statistics);
   }
 
@@ -152,20 +153,20 @@ class Profile {
     if (taken_) gaps_.add(last_, event.t);
     taken_ = true;
     last_ = event.t;
-    begin_ = std::min(begin_, event.t);
-    end_ = std::max(end_, event.t);
+    recorded_.add(event.t);
     rate_.add(event.t);
     pixels_.add(event);
   }
 
   void print_times() const {
     const auto seconds = [](Timestamp t) { return 1e-6 * static_cast<double>(t); };
-    std::printf("time       %.6f s to %.6f s: %.2f s\n", seconds(begin_), seconds(end_), recorded_s());
+    std::printf("time       %.6f s to %.6f s: %.2f s\n", seconds(recorded_.begin()), seconds(recorded_.end()),
+                recorded_s());
     std::printf("rate       %s mean", RateCurve::text(static_cast<double>(events_) / recorded_s()).c_str());
     if (recorded_s() >= 1e-6 * RateCurve::kWindow_us)
       std::printf(", %s peak (in 10 ms)", RateCurve::text(rate_.peak_hz()).c_str());
     std::puts("");
-    rate_.print();
+    rate_.print(recorded_.begin(), recorded_.end());
     std::printf("gaps       longest %.3f ms, after %.6f s", 1e-3 * static_cast<double>(gaps_.longest_us()),
                 seconds(gaps_.longest_from()));
     if (pixels_.knows_noise(recorded_s())) {
@@ -181,7 +182,8 @@ class Profile {
   std::uint64_t events_ = 0, on_ = 0;
   TimeGuard guard_;
   bool taken_ = false;
-  Timestamp last_ = 0, begin_ = std::numeric_limits<Timestamp>::max(), end_ = std::numeric_limits<Timestamp>::min();
+  Timestamp last_ = 0;
+  RecordedTime recorded_;
   RateCurve rate_;
   EventGaps gaps_;
   PixelFaults pixels_;

@@ -33,9 +33,11 @@ class RateCurve {
   /// Highest rate in a window [1/s].
   double peak_hz() const { return 1e6 / kWindow_us * static_cast<double>(most_in_window_); }
 
-  /// Prints the rate over time, up to 78 characters wide; nothing where all events are in one microsecond.
-  void print() const {
-    const std::vector<double> rates = columns();
+  /// Prints the rate from one time to another, up to 78 characters wide; nothing where all events are in one
+  /// microsecond.
+  void print(evmarker::Timestamp from, evmarker::Timestamp to) const {
+    const Bins bins(bins_.lower_bound(from >> shift_), bins_.upper_bound(to >> shift_));
+    const std::vector<double> rates = columns(bins);
     if (rates.empty()) return;
     const double top = *std::ranges::max_element(rates);
     for (int row = kRows; row > 0; --row) {
@@ -47,8 +49,8 @@ class RateCurve {
     const auto seconds = [&](evmarker::Timestamp bin) { return std::ldexp(1e-6 * static_cast<double>(bin), shift_); };
     std::printf("%9s +%s\n", "0", std::string(rates.size(), '-').c_str());
     std::array<char, 32> begin{}, end{};
-    std::snprintf(begin.data(), begin.size(), "%.3f s", seconds(bins_.begin()->first));
-    std::snprintf(end.data(), end.size(), "%.3f s", seconds(bins_.rbegin()->first + 1));
+    std::snprintf(begin.data(), begin.size(), "%.3f s", seconds(bins.begin()->first));
+    std::snprintf(end.data(), end.size(), "%.3f s", seconds(bins.rbegin()->first + 1));
     std::printf("%11s%s%*s\n", "", begin.data(),
                 std::max(2 + static_cast<int>(std::string(end.data()).size()),
                          static_cast<int>(rates.size()) - static_cast<int>(std::string(begin.data()).size())),
@@ -70,6 +72,8 @@ class RateCurve {
   }
 
  private:
+  using Bins = std::map<evmarker::Timestamp, std::uint64_t>;
+
   static constexpr std::uint64_t kMostBins = 4096;
   static constexpr std::size_t kColumns = 66;
   static constexpr int kRows = 8;
@@ -85,7 +89,7 @@ class RateCurve {
 
   void widen_if_long(evmarker::Timestamp t) {
     while (evmarker::elapsed_us(bins_.begin()->first, bins_.rbegin()->first) >= kMostBins) {
-      std::map<evmarker::Timestamp, std::uint64_t> wider;
+      Bins wider;
       for (const auto& [bin, count] : bins_) wider[bin >> 1] += count;
       bins_ = std::move(wider);
       bin_ = t >> ++shift_;
@@ -94,16 +98,16 @@ class RateCurve {
   }
 
   // The rate in each column of the plot [1/s].
-  std::vector<double> columns() const {
-    if (bins_.size() < 2) return {};
-    const std::size_t count = evmarker::elapsed_us(bins_.begin()->first, bins_.rbegin()->first) + 1;
+  std::vector<double> columns(const Bins& bins) const {
+    if (bins.size() < 2) return {};
+    const std::size_t count = evmarker::elapsed_us(bins.begin()->first, bins.rbegin()->first) + 1;
     std::uint64_t sum = 0;
-    for (const auto& [bin, events] : bins_) sum += events;
+    for (const auto& [bin, events] : bins) sum += events;
     constexpr std::uint64_t few = 8;  // in a column, whose height would be chance
     std::vector<double> rates(std::min({count, kColumns, static_cast<std::size_t>(sum / few + 1)}));
     const auto first_of = [&](std::size_t column) { return (column * count + rates.size() - 1) / rates.size(); };
-    for (const auto& [bin, events] : bins_)
-      rates[evmarker::elapsed_us(bins_.begin()->first, bin) * rates.size() / count] += static_cast<double>(events);
+    for (const auto& [bin, events] : bins)
+      rates[evmarker::elapsed_us(bins.begin()->first, bin) * rates.size() / count] += static_cast<double>(events);
     for (std::size_t i = 0; i < rates.size(); ++i)
       rates[i] /= std::ldexp(1e-6 * static_cast<double>(first_of(i + 1) - first_of(i)), shift_);
     return rates;
@@ -116,7 +120,7 @@ class RateCurve {
     return row == 1 && share_of_top > 0 ? '.' : ' ';
   }
 
-  std::map<evmarker::Timestamp, std::uint64_t> bins_;  // of 2^shift_ us, from time 0 on
+  Bins bins_;  // of 2^shift_ us, from time 0 on
   int shift_ = 0;
   evmarker::Timestamp bin_ = 0;  // of the last event, and its count
   std::uint64_t* count_ = nullptr;

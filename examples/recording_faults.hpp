@@ -7,6 +7,9 @@
 
 namespace recording_faults {
 
+/// What RecordedTime leaves out.
+inline constexpr const char* kStray = "events of stray times, far from the others': not counted as recorded time";
+
 /// Prints nothing for a count of 0.
 inline void print(std::uint64_t count, const char* what, std::FILE* to = stdout) {
   if (count > 0) std::fprintf(to, "recording  %" PRIu64 " %s\n", count, what);

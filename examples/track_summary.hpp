@@ -1,27 +1,23 @@
 #pragma once
 // The summary at the end of a tracking program: counts, poses per marker, errors, time.
-#include <algorithm>
 #include <cinttypes>
 #include <cstdio>
 #include <evmarker/evaluation/accuracy.hpp>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/recording_statistics.hpp>
-#include <limits>
 #include <map>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
 
+#include "recorded_time.hpp"
 #include "recording_faults.hpp"
 
 class TrackSummary {
  public:
   void add(std::span<const evmarker::Event> batch) {
-    for (const evmarker::Event& event : batch) {
-      begin_ = std::min(begin_, event.t);
-      end_ = std::max(end_, event.t);
-    }
+    for (const evmarker::Event& event : batch) recorded_.add(event.t);
   }
 
   void add(const evmarker::PoseEstimate& pose, const std::optional<Eigen::Isometry3d>& truth) {
@@ -34,10 +30,8 @@ class TrackSummary {
   }
 
   std::uint64_t poses() const { return poses_; }
-  /// From the first event to the last [s].
-  double recorded_s() const {
-    return end_ < begin_ ? 0 : 1e-6 * static_cast<double>(evmarker::elapsed_us(begin_, end_));
-  }
+  /// From the first event to the last, whatever single times say [s].
+  double recorded_s() const { return recorded_.seconds(); }
 
   /// @throws std::runtime_error where there are poses, but none of their markers is in the truth
   void require_compared(const std::string& truth_path) const {
@@ -59,6 +53,7 @@ class TrackSummary {
                   " matched (%.0f %%)\n",
                   tracker.events, kept, share(kept), tracker.matched, share(tracker.matched));
     print_faults(recording, tracker);
+    recording_faults::print(recorded_.stray(), recording_faults::kStray);
     for (const auto& [id, marker] : markers_) print(id, marker);
     std::printf("time       %.2f s for %.2f s of recording\n", wall_s, recorded_s());
   }
@@ -91,17 +86,17 @@ class TrackSummary {
 
   void print(evmarker::MarkerId id, const Marker& marker) const {
     std::printf("marker %-3d %" PRIu64 " poses, the first at %.3f s, %s\n", id, marker.poses,
-                static_cast<double>(evmarker::elapsed_us(begin_, marker.first_t)) * 1e-6, text(marker.losses).c_str());
+                static_cast<double>(evmarker::elapsed_us(recorded_.begin(), marker.first_t)) * 1e-6,
+                text(marker.losses).c_str());
     if (marker.accuracy.tracking() == 0) return;
     const auto mm = marker.accuracy.translation_mm(), deg = marker.accuracy.rotation_deg();
     std::printf("           error %.2f mm %.2f deg mean, %.2f mm %.2f deg median, %.2f mm %.2f deg at 95 %%\n", mm.mean,
                 deg.mean, mm.median, deg.median, mm.p95, deg.p95);
     std::printf("           tracked in %.1f %% of the 10 ms slots since the first pose\n",
-                100 * marker.accuracy.coverage(end_));
+                100 * marker.accuracy.coverage(recorded_.end()));
   }
 
   std::uint64_t poses_ = 0, compared_ = 0;
-  evmarker::Timestamp begin_ = std::numeric_limits<evmarker::Timestamp>::max();
-  evmarker::Timestamp end_ = std::numeric_limits<evmarker::Timestamp>::min();
+  RecordedTime recorded_;
   std::map<evmarker::MarkerId, Marker> markers_;
 };

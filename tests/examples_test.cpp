@@ -28,6 +28,7 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -2082,6 +2083,39 @@ TEST_CASE("examples: damaged recordings are tracked and what is wrong is reporte
       tracked(with_body([](std::string b) { return b.replace(b.size() * 3 / 4, 100, random_bytes(100)); }),
               " unknown words, skipped");
   CHECK(mean_tracking_error(garbled, truth).poses > 100);
+}
+
+TEST_CASE("examples: a few wrong times do not stretch what was recorded") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  // A second of events, with others among them: how many, behind which event, at what time [us].
+  for (const auto& [count, behind, t] : {std::tuple(50, 10000, 500000000),
+                                         {1, 10000, 500000000},
+                                         {50, 10000, -3000000},
+                                         {1, -1, -3000000},
+                                         {1, -1, 500000000},
+                                         {3, 19999, 500000000}}) {
+    std::string text, stray;
+    for (int i = 0; i < count; ++i) stray += "50,50,1," + std::to_string(t + i) + "\n";
+    if (behind < 0) text = stray;
+    for (int i = 0; i < 20000; ++i) {
+      text += std::to_string(100 + i % 300) + "," + std::to_string(i % 40) + ",1," + std::to_string(50 * i) + "\n";
+      if (i == behind) text += stray;
+    }
+    write_file(folder / "a.csv", text);
+    CAPTURE(count);
+    CAPTURE(behind);
+    CAPTURE(t);
+    const Result tracked = run(folder, "track_file a.csv --time-unit us" + kOptions);
+    CHECK_MESSAGE(tracked.code == 2, tracked.err);  // no marker
+    CHECK_MESSAGE(contains(tracked.out, " s for 1.00 s of recording"), tracked.out);
+    CHECK_MESSAGE(contains(tracked.out, "recording  " + std::to_string(count) + " events of stray times"), tracked.out);
+    const Result info = run(folder, "info a.csv --time-unit us --size 640,480");
+    CHECK_MESSAGE(info.code == 0, info.err);
+    CHECK_MESSAGE(contains(info.out, "time       0.000000 s to 0.999950 s: 1.00 s\nrate       20"), info.out);
+    CHECK_MESSAGE(contains(info.out, "recording  " + std::to_string(count) + " events "), info.out);
+    CHECK_MESSAGE(contains(info.out, " 0.000 s  "), info.out);  // the left end of the plot
+  }
 }
 
 TEST_CASE("examples: text without geometry takes the camera's size, few events off it are counted") {
