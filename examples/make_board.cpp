@@ -119,6 +119,14 @@ Board make(const Options& o, const BoardCalibration& calibration) {
   return board;
 }
 
+// Longer motion, as the calibrator advises, shows no marker that is not there.
+std::string advice_on(const std::vector<MarkerId>& never_tracked) {
+  std::string ids;
+  for (const MarkerId id : never_tracked) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
+  if (ids.empty()) return ids;
+  return "; never tracked: " + ids + ": on the body, in --dictionary and as large as --marker-length says?";
+}
+
 void make_board(const Options& o) {
   const std::vector<MarkerId> ids = o.ordered_ids();
   require_distinct({{"the recording", o.recording}, {"--camera", o.camera.path}}, {{"--output", o.output}});
@@ -140,7 +148,7 @@ void make_board(const Options& o) {
   try {
     calibration = calibrator.solve();
   } catch (const std::runtime_error& error) {
-    throw std::runtime_error(o.recording + ": " + error.what());
+    throw std::runtime_error(o.recording + ": " + error.what() + advice_on(calibrator.never_tracked()));
   }
   io::save_board(o.output, make(o, calibration), o.dictionary);
   print(calibration);

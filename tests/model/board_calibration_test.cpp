@@ -109,6 +109,22 @@ TEST_CASE("the board's frame is that of the first marker that is named, whicheve
   CHECK(pose_error(calibration.markers[1].T_board_marker, T_4_1).rotation_deg < 0.2);
 }
 
+TEST_CASE("markers that were never tracked are named, those that were tracked alone are not") {
+  BoardCalibrator calibrator = ::calibrator({8, 1, 3, 9});
+  CHECK(calibrator.never_tracked() == std::vector<MarkerId>{8, 1, 3, 9});
+  NoisyCube noisy(1);
+  auto poses = noisy.poses(turning(1)(0), 0);
+  REQUIRE(!poses.empty());
+  poses.erase(poses.begin() + 1, poses.end());
+  poses[0].id = 1;
+  calibrator.add(poses);
+  CHECK(calibrator.never_tracked() == std::vector<MarkerId>{8, 3, 9});
+  poses[0].id = 3;
+  poses[0].quality.state = TrackingState::converging;
+  calibrator.add(poses);
+  CHECK(calibrator.never_tracked() == std::vector<MarkerId>{8, 3, 9});
+}
+
 TEST_CASE("what does not determine a board is refused in a sentence that says what to do") {
   CHECK(message_of([] { calibrator({1}); }) == "board: needs two markers or more");
   CHECK(message_of([] { calibrator({1, 2, 1}); }) == "board: marker 1 is there twice");

@@ -64,6 +64,7 @@ class BoardCalibrator {
     for (std::size_t m = 0; m < ids_.size(); ++m)
       for (const PoseEstimate& pose : poses)
         if (pose.id == ids_[m] && usable(pose)) {
+          tracked_[m] = true;
           view.push_back({m, pose.T_camera_marker, whitening(pose)});
           if (pose.trail_px) trails_px.push_back(*pose.trail_px);
         }
@@ -76,6 +77,14 @@ class BoardCalibrator {
   /// and print. The estimates of single markers err by as much as it is, which turns and shifts their poses: tracked
   /// again with this as `KalmanSettings::initial_trail_px`, they make the board more accurate.
   double trail_px() const { return trails_px_.empty() ? 0 : median(trails_px_); }
+
+  /// The markers of which no pose counted, alone or with others: they may not be on the body.
+  std::vector<MarkerId> never_tracked() const {
+    std::vector<MarkerId> ids;
+    for (std::size_t m = 0; m < ids_.size(); ++m)
+      if (!tracked_[m]) ids.push_back(ids_[m]);
+    return ids;
+  }
 
   /// Finds the board.
   /// @throws std::runtime_error in one sentence if a marker was not seen together with others, or the board not from
@@ -199,6 +208,7 @@ class BoardCalibrator {
   }
 
   std::vector<MarkerId> ids_;
+  std::vector<bool> tracked_ = std::vector<bool>(ids_.size());
   MarkerImage image_;
   std::vector<View> views_;
   std::vector<double> trails_px_;
