@@ -234,6 +234,7 @@ void calibrate(const Options& options) {
   constexpr double kOutlier_px = 2;
   require_distinct({{"the recording", options.recording}, {"--board", options.board}, {"--truth", options.truth}},
                    {{"--output", options.output}, {"--picture", options.picture}});
+  require_ending({"--output", options.output}, kCalibrationEndings);
   interruption::watch();
   std::optional<PinholeCamera> truth;
   if (!options.truth.empty()) truth = opencv::load_calibration(options.truth);
@@ -271,6 +272,7 @@ void calibrate(const Options& options) {
     throw std::runtime_error(options.picture + ": cannot be written");
   require_determined(fit, sigma, options.largest_error_px);
   opencv::save_calibration(options.output, fitter.camera(fit.intrinsics));
+  std::printf("written to %s\n", options.output.c_str());
 }
 
 }  // namespace

@@ -58,9 +58,12 @@ void print(const PinholeCamera& camera) {
 
 void read_and_write(const Options& options) {
   require_distinct({{"the calibration", options.camera.path}}, {{"the output", options.output}});
+  require_ending({"the output", options.output}, kCalibrationEndings);
   const PinholeCamera camera = options.camera.load();
   print(camera);
-  if (!options.output.empty()) opencv::save_calibration(options.output, camera);
+  if (options.output.empty()) return;
+  opencv::save_calibration(options.output, camera);
+  std::printf("written to %s\n", options.output.c_str());
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #pragma once
-// Refuses to write a file that is also read, or written twice.
+// Refuses to write a file that is also read, written twice, or named as one of another kind.
+#include <algorithm>
 #include <evmarker/io/output_file.hpp>
 #include <filesystem>
 #include <stdexcept>
@@ -40,4 +41,22 @@ inline void require_distinct(std::vector<FileOption> read, const std::vector<Fil
     for (const FileOption& other : read) check(*output, other);
     for (auto other = written.begin(); other != output; ++other) check(*output, *other);
   }
+}
+
+/// Endings of what OpenCV's FileStorage writes.
+inline const std::vector<std::string> kCalibrationEndings{".yml", ".yaml", ".xml", ".json"};
+/// Endings of what evmarker::io::save_board writes.
+inline const std::vector<std::string> kBoardEndings{".yml", ".yaml"};
+
+/// Call it before anything is written: a name that ends otherwise may be that of a recording, given by mistake.
+/// @throws std::invalid_argument naming the option where its file ends in none of `endings`; devices and pipes may
+inline void require_ending(const FileOption& output, const std::vector<std::string>& endings) {
+  std::error_code error;
+  const bool device =
+      std::filesystem::exists(output.path, error) && !std::filesystem::is_regular_file(output.path, error);
+  if (output.path.empty() || device || std::ranges::count(endings, output.path.extension().string()) > 0) return;
+  std::string list;
+  for (const std::string& ending : endings)
+    list += (list.empty() ? "" : ending == endings.back() ? " or " : ", ") + ending;
+  throw std::invalid_argument(output.name + ' ' + output.path.string() + ": must end in " + list);
 }

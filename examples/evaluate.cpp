@@ -37,6 +37,7 @@ void print(const std::map<MarkerId, AccuracyMeter>& meters, Timestamp end) {
 
 void evaluate(const Options& options) {
   require_distinct({{"poses", options.poses}, {"--truth", options.truth}}, {{"--errors", options.errors}});
+  require_ending({"--errors", options.errors}, {".csv"});
   const auto poses = io::read_pose_csv(options.poses);
   if (poses.empty()) throw std::runtime_error(options.poses + ": no poses in it");
   const auto truth = io::GroundTruth::read(options.truth);

@@ -130,6 +130,7 @@ std::string advice_on(const std::vector<MarkerId>& never_tracked) {
 void make_board(const Options& o) {
   const std::vector<MarkerId> ids = o.ordered_ids();
   require_distinct({{"the recording", o.recording}, {"--camera", o.camera.path}}, {{"--output", o.output}});
+  require_ending({"--output", o.output}, kBoardEndings);
   interruption::watch();
   const PinholeCamera camera = o.camera.load();
   BoardCalibrator calibrator(ids, o.marker_length, camera.focal_length());
@@ -152,6 +153,7 @@ void make_board(const Options& o) {
   }
   io::save_board(o.output, make(o, calibration), o.dictionary);
   print(calibration);
+  std::printf("written to %s\n", o.output.c_str());
   if (interrupted)
     interruption::end(recorded_s, {"a board of " + std::to_string(ids.size()) + " markers in " + o.output});
 }

@@ -135,9 +135,9 @@ std::vector<CaptionedFace> make_faces(const std::vector<Board>& boards) {
 
 void print_board(const Options& o) {
   require_distinct({{"the board", o.file}}, {{"--output", o.output}, {"--board", o.board}});
-  const std::string ending = std::filesystem::path(o.output).extension();
-  const bool pdf = ending == ".pdf";
-  if (!pdf && ending != ".svg") throw std::invalid_argument("--output " + o.output + ": ends neither in .svg nor .pdf");
+  require_ending({"--output", o.output}, {".svg", ".pdf"});
+  require_ending({"--board", o.board}, kBoardEndings);
+  const bool pdf = std::filesystem::path(o.output).extension() == ".pdf";
   const opencv::BoardFile made = make_boards(o);
   const std::vector<Page> pages = lay_out(make_faces(made.boards), o.paper);
   if (!pdf && pages.size() > 1)

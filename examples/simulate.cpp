@@ -244,6 +244,7 @@ void simulate(const Options& o) {
   const std::string calibration = o.calibration_to_write();
   require_distinct({{"--camera", o.camera.path}, {"--board", o.board}, {"--markers", o.lengths.file()}},
                    {{"the recording", o.recording}, {"--calibration", calibration}, {"--truth", o.truth}});
+  require_ending({"--calibration", calibration}, kCalibrationEndings);
   interruption::watch();
   const PinholeCamera camera = o.make_camera();
   std::vector<Target> targets;

@@ -538,6 +538,7 @@ TEST_CASE("examples: calibration says what a camera is, and writes what OpenCV r
   REQUIRE_MESSAGE(fisheye.code == 0, fisheye.err);
   CHECK(contains(fisheye.out, "240 x 180 px\n  fx 200, fy 200, cx 119.5, cy 89.5 px\n"));
   CHECK(contains(fisheye.out, "fisheye (equidistant): k1 0.01, k2 -0.02, k3 0.003, k4 -0.0004"));
+  CHECK(fisheye.out.ends_with("\nwritten to c.json\n"));
   const cv::FileStorage read((folder / "c.json").string(), cv::FileStorage::READ);
   CHECK(static_cast<int>(read["image_width"]) == 240);
   CHECK(static_cast<std::string>(read["distortion_model"]) == "fisheye");
@@ -685,6 +686,7 @@ TEST_CASE("examples: make_board measures a board with which the body is tracked 
   REQUIRE_MESSAGE(made.code == 0, made.err);
   CHECK(made.err.empty());
   CHECK_MESSAGE(contains(made.out, "instants, corners within 0."), made.out);
+  CHECK(made.out.ends_with("\nwritten to made.yml\n"));
   const std::string board = read_file(folder / "made.yml");
   CHECK(
       board.starts_with("dictionary: DICT_4X4_50\nboard: 55\nmarkers:\n  - { id: 1, length: 0.05, rotation: [0, 0, 0], "
@@ -729,6 +731,7 @@ TEST_CASE("examples: a camera is calibrated by a moving board, unless it hardly 
   const Result calibrated = run(folder, calibrate + " --picture c.png --truth g.yml");
   REQUIRE_MESSAGE(calibrated.code == 0, calibrated.err);
   CHECK(calibrated.err.empty());
+  CHECK(calibrated.out.ends_with("\nwritten to c.yml\n"));
   const auto camera = evmarker::opencv::load_calibration((folder / "c.yml").string());
   const auto truth = evmarker::opencv::load_calibration((folder / "g.yml").string());
   const double fx_sigma = number_after(calibrated.out, "+- "), f_error = std::abs(camera.fx() - truth.fx());
@@ -1185,6 +1188,7 @@ TEST_CASE("examples: print_board says in one line what is wrong, and leaves noth
       {"print_board b.yml --output o.svg --dictionary DICT_4X4_50", {"b.yml", "DICT_4X4_50", "AprilTags"}},
       {grid + " --spacing 0.001", {"--spacing", "0.001 m", "cell"}},
       {grid + " --first-id 40", {"marker id 50", "DICT_4X4_50"}},
+      {grid + " --board n.raw", {"--board n.raw: must end in .yml or .yaml"}},
       {grid + " --board o.svg", {"--board o.svg", "--output o.svg"}},
       {"print_board --ids 3 --marker-length 0.1 --output o.svg --board n.yml", {"--board", "--grid"}},
       {"print_board b.yml --output missing/o.svg", {"missing/o.svg", "No such file"}},
@@ -1849,6 +1853,14 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {simulate + " --truth ./new.raw", {"--truth ./new.raw", "the recording new.raw"}},
       {"simulate b.raw --board b.yml --duration 0.02", {"--calibration b.yml", "--board b.yml"}, "b.yml", kBoard},
       {"evaluate truth.csv --truth truth.csv --errors truth.csv", {"--errors truth.csv", "poses truth.csv"}},
+      {"evaluate truth.csv --truth truth.csv --errors b.raw", {"--errors b.raw: must end in .csv"}, "b.raw", whole},
+      {"calibration camera.yml b.raw", {"the output b.raw: must end in .yml, .yaml, .xml or .json"}, "b.raw", whole},
+      {"calibrate b.raw --board truth.csv --output c", {"--output c: must end in .yml, .yaml, .xml or .json"}},
+      {"make_board recording.raw --ids 7,8 --output b.raw" + kOptions,
+       {"--output b.raw: must end in .yml or .yaml"},
+       "b.raw",
+       whole},
+      {simulate + " --calibration b.raw", {"--calibration b.raw: must end in .yml, .yaml, .xml"}, "b.raw", whole},
       {track_this("cut.raw"), {"cut.raw", "header"}, "cut.raw", whole.substr(0, 40)},
       {track_this("none.raw"), {"none.raw", "no events"}, "none.raw", with_body(body(""))},
       {track_this("garbled.raw"), {"garbled.raw", "% format"}, "garbled.raw", random_bytes(20000)},
@@ -2049,6 +2061,7 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
     for (const std::string& part : expected) CHECK_MESSAGE(contains(result.err, part), part);
     CHECK(result.out.empty());
     CHECK(folder.files() == (file.empty() ? 5 : 6));  // the three, stdout and stderr, the bad one
+    if (!file.empty()) CHECK(read_file(folder / file.c_str()) == content);
   }
 }
 
