@@ -28,7 +28,8 @@ struct Options {
   int first_id = 0;
 
   void add_to(CLI::App& app) {
-    CLI::Option* read = app.add_option("file", file, "board file to draw, as track_file --board reads it");
+    CLI::Option* read = app.add_option(
+        "file", file, "board file to draw, as track_file --board reads it: its markers, not a chessboard around them");
     CLI::Option* single =
         app.add_option("--ids", ids, "in its place single markers, as 3,7")->delimiter(',')->excludes(read);
     CLI::Option* of_grid = app.add_option("--grid", grid, "in its place a grid of markers, columns x rows, as 4x3")
@@ -154,6 +155,8 @@ void print_board(const Options& o) {
   std::printf("%s: %zu markers of %s on %zu page%s of %.0f x %.0f mm\n", o.output.c_str(), markers,
               made.dictionary.c_str(), pages.size(), pages.size() == 1 ? "" : "s", pages.front().width,
               pages.front().height);
+  if (!made.beside.empty())
+    std::printf("only markers are drawn, without %s, which nothing here needs\n", made.beside.c_str());
 }
 
 }  // namespace

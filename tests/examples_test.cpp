@@ -1122,16 +1122,18 @@ TEST_CASE("examples: print_board draws what OpenCV finds, where the board's file
   CHECK(contains(svg, "M 10 192.5 L 110 192.5"));  // the ruler
   CHECK(largest_deviation(printed(svg), board, "DICT_4X4_50", -1) < 0.04);
 
-  const std::pair<const char*, double> files[] = {
-      {kAprilgrid, -1},
-      {"squaresX: 4\nsquaresY: 5\nsquareLength: 0.03\nmarkerLength: 0.02\ndictionary: 6X6_250\n", 1},
+  const std::tuple<const char*, double, const char*> files[] = {
+      {kAprilgrid, -1, "only markers are drawn, without the squares between the tags, which nothing here needs\n"},
+      {"squaresX: 4\nsquaresY: 5\nsquareLength: 0.03\nmarkerLength: 0.02\ndictionary: 6X6_250\n", 1,
+       "only markers are drawn, without the chessboard, which nothing here needs\n"},
       {"board: 1\nmarkers:\n  - { id: 0, length: 0.03, rotation: [0, 0, 0.5], translation: [0, 0, 0] }\n"
        "  - { id: 1, length: 0.05, rotation: [0, 0, -2], translation: [0.07, 0.01, 0] }\n",
-       -1}};
-  for (const auto& [text, down] : files) {
+       -1, " mm\n"}};
+  for (const auto& [text, down, end] : files) {
     write_file(folder / "b.yml", text);
     const Result drawn = run(folder, "print_board b.yml --output b.svg");
     REQUIRE_MESSAGE(drawn.code == 0, drawn.err);
+    CHECK_MESSAGE(drawn.out.ends_with(end), drawn.out);
     const auto file = evmarker::opencv::load_boards((folder / "b.yml").string());
     CHECK(largest_deviation(printed(read_file(folder / "b.svg")), file.boards[0], file.dictionary, down,
                             file.border_cells) < 0.04);

@@ -47,6 +47,7 @@ inline BoardFile read_aprilgrid(const SettingsFile& file, std::string_view asked
   const AprilTagFamily& family = choose_family(file, asked);
   BoardBuilder builder(file, std::string(family.dictionary), 2);
   builder.require_enough(std::int64_t{columns} * rows, "tagCols x tagRows");
+  builder.set_beside("the squares between the tags");
   builder.begin(file.root());
   const Eigen::Matrix3d R_tag_marker = T_tag_marker(family).linear();
   const double pitch = size * (1 + spacing);

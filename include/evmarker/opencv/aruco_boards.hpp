@@ -109,6 +109,7 @@ inline BoardFile read_charuco_board(const SettingsFile& file, std::string_view a
   const bool white_first = !legacy.node.empty() && file.flag(legacy.node, legacy.name) && rows % 2 == 0;
   const std::int64_t markers = std::int64_t{columns} * rows / 2;
   builder.require_enough(markers, "half of squaresX x squaresY");
+  builder.set_beside("the chessboard");
 
   builder.begin(file.root());
   const std::vector<int> ids = read_ids(file, static_cast<std::size_t>(markers));

@@ -21,6 +21,7 @@ struct BoardFile {
   std::vector<Board> boards;
   std::string dictionary;  ///< OpenCV's name
   int border_cells = 1;    ///< width of the markers' black border
+  std::string beside{};    ///< what is printed around the markers but not used here; empty: nothing
 };
 
 /// An id for a board that has none of its own: the first hundred above the ids of its markers' dictionary.
@@ -88,6 +89,9 @@ class BoardBuilder {
     const MarkerId free = free_board_id(codes_) + static_cast<MarkerId>(result_.boards.size());
     result_.boards.push_back({.id = id.empty() ? free : file_.whole_number(id, place + "board"), .markers = {}});
   }
+
+  // Says what is printed around the markers.
+  void set_beside(std::string what) { result_.beside = std::move(what); }
 
   // Adds a marker to the last board.
   void add(const std::string& place, MarkerId id, double length, const Eigen::Isometry3d& T_board_marker) {
