@@ -21,6 +21,16 @@ using namespace evmarker;
 
 namespace {
 
+// Accepts columns or rows of a grid, what is left and right of its x.
+CLI::Validator grid_side() {
+  return {[](std::string& text) {
+            int side = 0;
+            const bool good = CLI::detail::lexical_cast(text, side) && side >= 1 && side <= 1000;
+            return good ? std::string() : text + " is no number from 1 to 1000; a grid is columns x rows, as 4x3";
+          },
+          "1..1000"};
+}
+
 struct Options {
   std::string file, output, board, dictionary, paper = "A4";
   std::vector<int> ids, grid;  // columns and rows
@@ -35,7 +45,7 @@ struct Options {
     CLI::Option* of_grid = app.add_option("--grid", grid, "in its place a grid of markers, columns x rows, as 4x3")
                                ->delimiter('x')
                                ->expected(2)
-                               ->check(CLI::Range(1, 1000))
+                               ->check(grid_side())
                                ->excludes(read)
                                ->excludes(single);
     app.add_option("--marker-length", marker_length, "of --ids and --grid: side of the black square [m]")

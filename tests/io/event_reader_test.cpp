@@ -132,6 +132,16 @@ TEST_CASE("EventReader: unsupported kinds are reported by name, by content or ex
   CHECK(contains(error_of([&] { EventReader(folder / "none.raw"); }), "none.raw: cannot open"));
 }
 
+TEST_CASE("EventReader: a calibration or a board is called so, by content or extension, but events never are") {
+  const TemporaryFolder folder;
+  const std::string board = "board: 100\nmarkers:\n", settings = "is no recording but settings, like the calibration";
+  for (const char* name : {"a.yml", "a.YAML", "a.json", "a.xml"})
+    CHECK(refuses<EventReader>(folder / name, board, name + (": " + settings)));
+  CHECK(refuses<EventReader>(folder / "a.csv", "%YAML:1.0\n---\nimage_width: 640\n", "a.csv: " + settings));
+  write_file(folder / "events.yml", "% evt 3.0\n% geometry 640x480\n% end\n");
+  CHECK(EventReader(folder / "events.yml").kind() == RecordingKind::raw);
+}
+
 TEST_CASE("EventReader: what is compressed is called so, with the command that unpacks it") {
   const TemporaryFolder folder;
   CHECK(refuses<EventReader>(folder / "a.raw", "\x1f\x8b\x08", "a.raw: is compressed by gzip, unpack it: gunzip <"));

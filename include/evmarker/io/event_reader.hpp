@@ -104,6 +104,10 @@ inline RecordingError compressed(const std::filesystem::path& path, std::string_
                     path.string() + "' >'unpacked_" + unpacked.string() + "'"};
 }
 
+inline bool is_one_of(const std::string& extension, std::string_view extensions) {
+  return !extension.empty() && extensions.find(' ' + extension + ' ') != std::string_view::npos;
+}
+
 inline bool looks_like_text(std::string_view head) {
   return std::ranges::none_of(
       head, [](char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\r' && c != '\t'; });
@@ -137,11 +141,15 @@ inline RecordingKind recognize_recording(std::string_view head, const std::files
   if (prophesee && !names_encoding && (extension == ".dat" || head.find("% Version ") != head.npos))
     return RecordingKind::dat;
   if ((prophesee && names_encoding) || extension == ".raw") return RecordingKind::raw;  // RawReader reports its faults
-  if (detail::looks_like_text(head)) return RecordingKind::text;
+  if (detail::looks_like_text(head)) {
+    if (head.starts_with("%YAML") || detail::is_one_of(extension, " .yml .yaml .xml .json "))
+      throw RecordingError(path,
+                           "is no recording but settings, like the calibration of --camera or a board of --board");
+    return RecordingKind::text;
+  }
   if (extension == ".dat") return RecordingKind::dat;  // DatReader reports the exact fault
   for (const auto& kind : detail::kUnsupportedKinds)
-    if (!extension.empty() && kind.extensions.find(" " + extension + " ") != std::string_view::npos)
-      throw detail::not_supported(path, kind.name);
+    if (detail::is_one_of(extension, kind.extensions)) throw detail::not_supported(path, kind.name);
   throw detail::not_supported(path, "such");
 }
 
