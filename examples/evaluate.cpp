@@ -1,16 +1,15 @@
 // Compares a table of poses with the truth: errors, coverage, losses; every pose's error as CSV for plots.
-#include <algorithm>
+#include <cinttypes>
 #include <cstdio>
 #include <evmarker/evaluation/accuracy.hpp>
 #include <evmarker/io/output_file.hpp>
 #include <evmarker/io/pose_reader.hpp>
-#include <map>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
 #include "console.hpp"
 #include "distinct_files.hpp"
+#include "truth_comparison.hpp"
 
 using namespace evmarker;
 
@@ -26,12 +25,22 @@ struct Options {
   }
 };
 
-void print(const std::map<MarkerId, AccuracyMeter>& meters, Timestamp end) {
+void print(const TruthComparison& comparison) {
   std::puts("marker  tracking poses  mean mm   deg   median mm   deg    95 % mm   deg   covered  lost");
-  for (const auto& [id, meter] : meters) {
-    const Spread mm = meter.translation_mm(), deg = meter.rotation_deg();
-    std::printf("%6d  %14zu  %7.2f  %5.2f  %9.2f  %5.2f  %8.2f  %5.2f  %6.1f %%  %4zu\n", id, meter.tracking(), mm.mean,
-                deg.mean, mm.median, deg.median, mm.p95, deg.p95, 100 * meter.coverage(end), meter.lost());
+  for (const auto& [id, meter] : comparison.markers()) {
+    std::printf("%6d  %14zu", id, meter.tracking());
+    if (meter.compared() > 0) {
+      const Spread mm = meter.translation_mm(), deg = meter.rotation_deg();
+      std::printf("  %7.2f  %5.2f  %9.2f  %5.2f  %8.2f  %5.2f", mm.mean, deg.mean, mm.median, deg.median, mm.p95,
+                  deg.p95);
+    } else {
+      std::printf("  %7s  %5s  %9s  %5s  %8s  %5s", "-", "-", "-", "-", "-", "-");
+    }
+    if (meter.slots(comparison.last_t()) > 0)
+      std::printf("  %6.1f %%", 100 * meter.coverage(comparison.last_t()));
+    else
+      std::printf("  %6s  ", "-");
+    std::printf("  %4zu\n", meter.lost());
   }
 }
 
@@ -40,19 +49,11 @@ void evaluate(const Options& options) {
   require_ending({"--errors", options.errors}, {".csv"});
   const auto poses = io::read_pose_csv(options.poses);
   if (poses.empty()) throw std::runtime_error(options.poses + ": no poses in it");
-  const auto truth = io::GroundTruth::read(options.truth);
-  std::map<MarkerId, AccuracyMeter> meters;
+  TruthComparison comparison(options.truth);
   std::string errors = "t_s,marker_id,state,translation_mm,rotation_deg,backtrack_px,backtrack_rad\n";
-  Timestamp end = 0;
-  std::size_t without_truth = 0;
   for (const PoseEstimate& pose : poses) {
-    end = std::max(end, pose.t);
-    const auto true_pose = truth.at(pose.id, pose.t);
-    if (!true_pose) {
-      ++without_truth;
-      continue;
-    }
-    meters[pose.id].add(pose, *true_pose);
+    const auto true_pose = comparison.add(pose);
+    if (!true_pose) continue;
     const PoseError error = pose_error(pose.T_camera_marker, *true_pose);
     char line[160];
     std::snprintf(line, sizeof line, "%.6f,%d,%s,%.4f,%.4f,%.4f,%.5f\n", static_cast<double>(pose.t) * 1e-6, pose.id,
@@ -60,16 +61,16 @@ void evaluate(const Options& options) {
                   pose.quality.backtrack_rad);
     errors += line;
   }
-  if (meters.empty())
-    throw std::runtime_error(options.poses + ": none of its " + std::to_string(poses.size()) +
-                             " poses has a true one of the same marker and time in " + options.truth);
+  comparison.require_comparable(options.poses);
+  if (const std::string doubt = comparison.doubt(); !doubt.empty()) console::say(doubt);
   if (!options.errors.empty()) {
     io::OutputFile file(options.errors);
     file.write(errors);
     file.close();
   }
-  print(meters, end);
-  if (without_truth > 0) std::printf("%zu of %zu poses have no true one\n", without_truth, poses.size());
+  print(comparison);
+  if (const auto without = comparison.poses() - comparison.compared(); without > 0)
+    std::printf("%" PRIu64 " of %zu poses have no true one\n", without, poses.size());
 }
 
 }  // namespace

@@ -52,6 +52,7 @@ struct ReplayOptions : LiveOptions {
     app.add_flag("--find-first", find_first,
                  "a twentieth as fast until a marker is tracked: to see an overload from then on");
     app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
+    app.footer(console::exit_codes("2 no marker was found, "));
   }
 
   void require_distinct_files() const {
@@ -280,6 +281,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   outputs.poses().print();
   print(options, pipeline.status(), pipeline.latency(), wall.count());
   if (interrupted) interruption::end(recorded_s, outputs.kept(options));
+  if (pipeline.status().registered == 0) throw console::Exit(kNothingFound, kNoMarkerHint);
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 #include <chrono>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/io/event_reader.hpp>
-#include <evmarker/io/pose_reader.hpp>
 #include <evmarker/io/pose_writer.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
 #include <evmarker/opencv/calibration.hpp>
@@ -20,6 +19,7 @@
 #include "timed_poses.hpp"
 #include "track_options.hpp"
 #include "track_summary.hpp"
+#include "truth_comparison.hpp"
 #include "viewer.hpp"
 
 using namespace evmarker;
@@ -74,14 +74,15 @@ class Run {
         viewer_(camera, options.view),  // before there are other threads
         recording_(
             recording_checks::open(options.recording, camera.sensor_size(), options.camera.path, options.reader)),
-        truth_(options.truth.empty() ? std::nullopt : std::optional(io::GroundTruth::read(options.truth))),
+        comparison_(options.truth),
         output_(options, options.track_one() || !options.wireframe.empty(), columns) {
     if (const auto interval = options.interval()) ticks_.emplace(*interval, std::chrono::seconds(1));
   }
 
   /// @param model_of gives the model of a marker's id
   /// @param if_none what to say where there was no pose
-  /// @throws console::Exit where there was none, or the program was interrupted; all files are complete
+  /// @throws console::Exit where there was none, or the program was interrupted, and std::runtime_error where they
+  /// cannot be compared with the truth; all files are complete
   template <typename AnyTracker, typename ModelOf>
   void operator()(AnyTracker& tracker, const ModelOf& model_of, const char* if_none) {
     const auto start = std::chrono::steady_clock::now();
@@ -89,23 +90,21 @@ class Run {
     const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
     const bool interrupted = interruption::requested;
     io::RecordingStatistics statistics = recording_.statistics();
-    if (interrupted) {
+    if (interrupted)
       statistics.truncated_bytes = 0;  // it is not the recording that ends there
-    } else {
+    else
       recording_checks::require_sane(recording_, options_.recording, options_.camera.path, true);
-      if (truth_) summary_.require_compared(options_.truth);
-    }
     viewer_.finish(tracker, model_of);
     output_.close();
-    summary_.print(statistics, tracker.statistics(), wall.count());
+    summary_.print(statistics, tracker.statistics(), comparison_, wall.count());
     output_.print();
+    if (const std::string doubt = comparison_.doubt(); !doubt.empty()) console::say(doubt);
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
-    if (summary_.poses() == 0) throw console::Exit(kNothingFound, if_none);
+    comparison_.require_comparable(options_.recording);
+    if (comparison_.poses() == 0) throw console::Exit(kNothingFound, if_none);
   }
 
  private:
-  static constexpr int kNothingFound = 2;
-
   std::vector<std::string> kept() const {
     std::vector<std::string> files = output_.kept();
     for (const std::string& file : {options_.view.overlay, options_.view.video})
@@ -134,7 +133,8 @@ class Run {
   void push(AnyTracker& tracker, std::span<const Event> events) {
     const auto use = [&](const PoseEstimate& pose) {
       output_.write(pose);
-      summary_.add(pose, truth_ ? truth_->at(pose.id, pose.t) : std::nullopt);
+      summary_.add(pose);
+      comparison_.add(pose);
       viewer_.add(pose);
     };
     if (ticks_)
@@ -147,7 +147,7 @@ class Run {
   const TrackFileOptions& options_;
   Viewer viewer_;
   io::EventReader recording_;
-  std::optional<io::GroundTruth> truth_;
+  TruthComparison comparison_;
   PoseOutput output_;
   std::optional<TickTimes> ticks_;
   TrackSummary summary_;
@@ -172,9 +172,7 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
   Run run(options, camera, columns);
   Tracker tracker(camera, detector, settings);
   run(
-      tracker, [&](MarkerId id) { return detector.model(id); },
-      "no marker was tracked: it must move to be seen; is it in --dictionary and --ids, its border as wide as in "
-      "--board?");
+      tracker, [&](MarkerId id) { return detector.model(id); }, kNoMarkerHint);
 }
 
 }  // namespace

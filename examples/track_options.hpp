@@ -15,6 +15,12 @@
 #include "marker_lengths.hpp"
 #include "pose_output.hpp"
 
+/// Exit code of a program that found nothing to track, and what it says then.
+inline constexpr int kNothingFound = 2;
+inline constexpr const char* kNoMarkerHint =
+    "no marker was tracked: it must move to be seen; is it in --dictionary and --ids, its border as wide as in "
+    "--board?";
+
 struct TrackOptions : PoseOutputOptions {
   std::string recording, dictionary, update = "kalman";
   CameraOption camera;

@@ -1727,6 +1727,77 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   const Result help = run(folder, "track_file --help");
   CHECK_MESSAGE(contains(help.out, "2 no marker or body was found"), help.out);
   CHECK_MESSAGE(contains(help.out, "130 or 143 interrupted"), help.out);
+
+  if (kPrograms.at("replay").empty()) return;  // built without the component live
+  const Result replayed = run(folder, "replay recording.raw" + kOptions + " --ids 3");
+  CHECK(replayed.code == 2);
+  CHECK_MESSAGE(replayed.err.starts_with("replay: no marker was tracked: "), replayed.err);
+  CHECK(contains(replayed.out, "latency_us "));
+  CHECK(contains(run(folder, "replay --help").out, "2 no marker was found"));
+}
+
+TEST_CASE("examples: a truth of other markers or times is named at the end, and the poses are kept") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  const std::string truth = simulated_file("truth.csv");
+  // TUM, with each time multiplied by a factor or shifted.
+  const auto tum = [&](double factor, double shift_s) {
+    std::string text;
+    for (const Row& row : read_table(truth)) {
+      char line[200];
+      std::snprintf(line, sizeof line, "%.9f %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", factor * 1e-6 * row.t_us + shift_s,
+                    row.translation.x(), row.translation.y(), row.translation.z(), row.rotation.x(), row.rotation.y(),
+                    row.rotation.z(), row.rotation.w());
+      text += line;
+    }
+    return text;
+  };
+  write_file(folder / "other.csv", replaced(truth, ",7,tracking", ",9,tracking"));
+  write_file(folder / "later.txt", tum(1, 100));
+  write_file(folder / "us.txt", tum(1e6, 0));
+  write_file(folder / "good.txt", tum(1, 0));
+  write_file(folder / "half.txt", [&] {
+    std::string text = tum(1, 0);
+    return text.substr(0, text.find('\n', text.size() / 2) + 1);
+  }());
+
+  struct Case {
+    std::string truth;
+    int code;
+    std::vector<std::string> said;
+  };
+  const std::vector<Case> cases{
+      {"other.csv", 1, {"other.csv: true poses of marker 9", "of recording.raw are of marker 7"}},
+      {"later.txt", 1, {"later.txt: true poses from 100.000 to 100.600 s", "from 0.0", "seconds in TUM format"}},
+      {"us.txt", 0, {"us.txt: only 0 of its poses are from 0.0", "interpolated", "seconds in TUM format"}},
+      {"good.txt", 0, {}},
+      {"half.txt", 0, {}},
+  };
+  std::map<std::string, std::string> printed;
+  for (const Case& compared : cases) {
+    CAPTURE(compared.truth);
+    const Result tracked =
+        run(folder, "track_file recording.raw" + kOptions + " --output poses.csv --truth " + compared.truth);
+    printed[compared.truth] = tracked.out;
+    CHECK_MESSAGE(tracked.code == compared.code, tracked.err);
+    CHECK(std::ranges::count(tracked.err, '\n') == (compared.said.empty() ? 0 : 1));
+    for (const std::string& part : compared.said) CHECK_MESSAGE(contains(tracked.err, part), tracked.err);
+    CHECK(contains(tracked.out, "marker 7 "));
+    CHECK(read_table(read_file(folder / "poses.csv")).size() > 500);
+    const Result evaluated = run(folder, "evaluate poses.csv --truth " + compared.truth);
+    CHECK_MESSAGE(evaluated.code == compared.code, evaluated.err);
+    CHECK(evaluated.err.empty() == compared.said.empty());
+  }
+  // Poses without a true one are tracked all the same, but their errors are not known.
+  const auto line_with = [&](const char* file, const char* part) {
+    for (const std::string& line : split(printed[file], '\n'))
+      if (contains(line, part)) return line;
+    return std::string();
+  };
+  CHECK(line_with("half.txt", "tracked in") == line_with("good.txt", "tracked in"));
+  CHECK(contains(line_with("good.txt", "tracked in"), " % of the 10 ms slots"));
+  CHECK(line_with("good.txt", "of its").empty());
+  CHECK_MESSAGE(contains(line_with("half.txt", "of its"), "no true one is known"), printed["half.txt"]);
 }
 
 TEST_CASE("examples: of a ROS recording, the topic that is named gives the poses of the same events in RAW") {
@@ -1904,10 +1975,6 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
       {with_camera + "c.txt", {"c.txt", "no sensor size", "--size"}, "c.txt", "500 500 320 240 0 0 0 0 0\n"},
       {track + " --size 320,480", {"camera.yml", "640 x 480", "320 x 480"}},
       {track + " --truth missing.csv", {"missing.csv", "No such file"}},
-      {track + " --truth t.csv",
-       {"t.csv", "marker 7"},
-       "t.csv",
-       replaced(simulated_file("truth.csv"), ",7,tracking", ",9,tracking")},
       {track + " --truth t.csv", {"t.csv", "line 2"}, "t.csv", std::string(kPoseHeader) + "\n1,7,tracking\n"},
       {track + " --output missing/o.csv", {"missing/o.csv", "No such file"}},
       {track + " --output .", {".", "directory"}},
@@ -1924,10 +1991,6 @@ TEST_CASE("examples: bad input gives one clear line and leaves nothing") {
        {"none.raw", kScreen ? "no events" : "videoio"},
        "none.raw",
        with_body(body(""))},
-      {track + " --video v.mp4 --truth t.csv",
-       {kScreen ? "t.csv" : "videoio"},
-       "t.csv",
-       replaced(simulated_file("truth.csv"), ",7,tracking", ",9,tracking")},
       {track + " --show", {"--show", "window"}},
       {"track_file recording.raw --marker-length 0.10", {"--camera", "required"}},
       {"track_file recording.raw --camera camera.yml", {"--marker-length", "required"}},

@@ -197,7 +197,34 @@ class GroundTruth {
     return ids;
   }
 
+  /// Times of its first and its last pose, of any marker [us].
+  Timestamp first_t() const {
+    Timestamp t = std::numeric_limits<Timestamp>::max();
+    for_each([&](const Trajectory& trajectory) { t = std::min(t, trajectory.poses().front().t); });
+    return t;
+  }
+  Timestamp last_t() const {
+    Timestamp t = std::numeric_limits<Timestamp>::min();
+    for_each([&](const Trajectory& trajectory) { t = std::max(t, trajectory.poses().back().t); });
+    return t;
+  }
+  /// How many poses it has from one time to another, both included [us].
+  std::size_t count_within(Timestamp first, Timestamp last) const {
+    std::size_t count = 0;
+    for_each([&](const Trajectory& trajectory) {
+      count += static_cast<std::size_t>(std::ranges::count_if(
+          trajectory.poses(), [&](const TimedPose& pose) { return first <= pose.t && pose.t <= last; }));
+    });
+    return count;
+  }
+
  private:
+  template <typename Use>
+  void for_each(const Use& use) const {
+    if (any_marker_) use(*any_marker_);
+    for (const auto& [id, trajectory] : markers_) use(trajectory);
+  }
+
   // By the first line that is no comment; none is consumed, since what comes from a pipe cannot be read again.
   static bool holds_pose_table(const LineReader& lines) {
     for (std::string_view text = lines.lookahead(); !text.empty();) {
