@@ -10,6 +10,7 @@
 #include <evmarker/simulation/simulator.hpp>
 #include <evmarker/simulation/trajectory.hpp>
 #include <filesystem>
+#include <map>
 #include <numbers>
 #include <optional>
 #include <stdexcept>
@@ -58,9 +59,11 @@ struct Options {
         ->default_str("that of --board, or " + std::string(opencv::kDefaultDictionary));
     CLI::Option* side_by_side =
         app.add_option("--ids", ids, "the markers, side by side, as 3,7")->delimiter(',')->capture_default_str();
-    app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
-        ->excludes(side_by_side);
+    CLI::Option* as_one =
+        app.add_option("--board", board, "in their place a board of markers that move as one, a YAML file")
+            ->excludes(side_by_side);
     lengths.add_to(app, "side of the black square [m], 0.1 where none is given");
+    for (const char* of_single : {"--marker-length", "--markers"}) app.get_option(of_single)->excludes(as_one);
     app.add_option("--black", black, "share of the light that the ink sends back, one for all markers or one each")
         ->delimiter(',')
         ->capture_default_str();
@@ -101,6 +104,19 @@ struct Options {
     app.add_option("--seed", sensor.seed, "of sensor and motion")->capture_default_str();
     app.add_flag("--quiet", quiet, "no progress bar");
     app.footer(console::exit_codes());
+    app.callback([this, &app] { require_of_motion(app); });
+  }
+
+  // An option that the motion does not know would change nothing, without a word.
+  void require_of_motion(const CLI::App& app) const {
+    const std::map<std::string, std::vector<std::string>> motions{{"--sway", {"handheld", "linear", "stop-and-go"}},
+                                                                  {"--turn", {"handheld", "stop-and-go"}},
+                                                                  {"--frequency", {"handheld", "spin", "stop-and-go"}},
+                                                                  {"--move", {"stop-and-go"}},
+                                                                  {"--rest", {"stop-and-go"}}};
+    for (const auto& [option, of] : motions)
+      if (app.count(option) > 0 && std::ranges::count(of, motion) == 0)
+        throw CLI::ValidationError(option, "changes nothing with --motion " + motion);
   }
 
   /// The calibration to write; empty for none.
@@ -199,6 +215,9 @@ std::vector<SimulatedMarker> make_markers(const Options& o, std::vector<Target>&
   const std::string name(o.dictionary.empty() ? opencv::kDefaultDictionary : o.dictionary);
   const cv::aruco::Dictionary dictionary = opencv::make_dictionary(name);
   MarkerLengths lengths = o.lengths;
+  for (const int id : lengths.ids())
+    if (std::ranges::count(o.ids, id) == 0)
+      throw std::invalid_argument("--marker-length " + std::to_string(id) + ": the marker is not in --ids");
   lengths.set_default(0.1);
   lengths.load();
   double longest = 0;

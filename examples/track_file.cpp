@@ -42,10 +42,11 @@ struct TrackFileOptions : TrackOptions {
         ->needs(body);
     app.add_option("--truth", truth, "true poses to compare with: TUM, or a pose table with marker ids");
     app.add_option("--overlay", view.overlay, "picture of the tracked markers at the end of the recording");
-    app.add_option("--video", view.video, "video of the tracked markers, .mp4, .mkv or .avi");
+    CLI::Option* video = app.add_option("--video", view.video, "video of the tracked markers, .mp4, .mkv or .avi");
     app.add_option("--video-fps", view.video_fps, "frames per second of recorded time")
         ->check(console::positive_number())
         ->check(CLI::Range(1.0, 1000.0))
+        ->needs(video)
         ->capture_default_str();
     app.add_flag("--show", view.show, "show the same in a window, at the recording's pace");
     app.footer(console::exit_codes("2 no marker or body was found, "));

@@ -1,6 +1,7 @@
 #pragma once
 // The options of every program that tracks markers.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
 #include <evmarker/evmarker.hpp>
 #include <evmarker/opencv/aruco_detector.hpp>
@@ -99,8 +100,10 @@ struct TrackOptions : PoseOutputOptions {
   /// Finds the boards, and single markers if their length is given. Says why a board is refused.
   auto detector(const evmarker::PinholeCamera& of_camera) const {
     const evmarker::opencv::BoardFile loaded = load_boards();
-    return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, aruco_settings(loaded)),
-                                   loaded.boards, [](const evmarker::BoardContradiction& contradiction) {
+    const evmarker::opencv::ArucoDetectorSettings settings = aruco_settings(loaded);
+    for (const int id : relative) require_tracked(id, loaded, settings.ids);
+    return evmarker::BoardDetector(of_camera, evmarker::opencv::ArucoDetector(of_camera, settings), loaded.boards,
+                                   [](const evmarker::BoardContradiction& contradiction) {
                                      console::say(contradiction.message() + " (or --camera is of another camera)");
                                    });
   }
@@ -130,6 +133,19 @@ struct TrackOptions : PoseOutputOptions {
     }
     if (all.dictionary.empty()) all.dictionary = evmarker::opencv::kDefaultDictionary;
     return all;
+  }
+
+  // @param found ids of the markers that are found, of boards or alone; empty for all
+  static void require_tracked(int id, const evmarker::opencv::BoardFile& loaded, const std::vector<int>& found) {
+    const std::string option = "--relative: " + std::to_string(id);
+    for (const evmarker::Board& board : loaded.boards) {
+      if (board.id == id) return;
+      if (std::ranges::count(board.markers, id, &evmarker::BoardMarker::id) > 0)
+        throw std::invalid_argument(option + " is a marker of board " + std::to_string(board.id) +
+                                    ", which is tracked as a whole: name the board");
+    }
+    if (!found.empty() && std::ranges::count(found, id) == 0)
+      throw std::invalid_argument(option + " is not tracked: it is neither a board nor a marker that is looked for");
   }
 
   // What to find: the boards' markers, and of the single ones those of --ids, or those whose length is known.
