@@ -32,7 +32,8 @@ struct PlacedMarker {
 };
 
 /// A detector finds markers in a frame and returns their models. It may be slow, may allocate and may throw; it must
-/// not keep the frame.
+/// not keep the frame. A tracked marker that it finds elsewhere again and again is replaced; a cell of its code aside
+/// is elsewhere, see `most_off`.
 template <typename D>
 concept MarkerDetector = requires(D& detector, const PolarityFrame& frame, MarkerId id) {
   { detector.detect(frame) } -> std::ranges::input_range;
