@@ -281,7 +281,13 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
   outputs.poses().print();
   print(options, pipeline.status(), pipeline.latency(), wall.count());
   if (interrupted) interruption::end(recorded_s, outputs.kept(options));
-  if (pipeline.status().registered == 0) throw console::Exit(kNothingFound, kNoMarkerHint);
+  const live::Status status = pipeline.status();
+  const bool too_slow = status.dropped > 0 || status.replays_cut > 0;
+  if (status.registered == 0)
+    throw console::Exit(kNothingFound, too_slow
+                                           ? "no marker was tracked: this computer was too slow for it, beside its "
+                                             "other work; play slower, as by --speed 0.2"
+                                           : kNoMarkerHint);
 }
 
 }  // namespace
