@@ -1,6 +1,8 @@
 #pragma once
 // A tracker's request to a detector, and the detector's result.
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -9,7 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include "evmarker/base/box.hpp"
 #include "evmarker/base/so3.hpp"
 #include "evmarker/detection/marker_detector.hpp"
 #include "evmarker/matching/segment_matcher.hpp"
@@ -89,13 +90,15 @@ struct DetectionResult {
 /// detector nothing is known, half of its size.
 inline double most_off(const MarkerModel& model) noexcept {
   const auto vertex = [&](int index) { return Vec3(model.vertices[static_cast<std::size_t>(index)]); };
-  double shortest = std::numeric_limits<double>::infinity(), size = 0;
+  if (const bool is_code = model.cells > 0 || !model.codes.empty(); !is_code) {
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& corner : model.vertices) box.extend(corner);
+    return 0.5 * box.diagonal().norm();
+  }
+  double shortest = std::numeric_limits<double>::infinity();
   for (const MarkerSegment& segment : model.segments)
     shortest = std::min(shortest, norm(vertex(segment.to) - vertex(segment.from)));
-  for (const Eigen::Vector3d& a : model.vertices)
-    for (const Eigen::Vector3d& b : model.vertices) size = std::max(size, norm(Vec3(a) - Vec3(b)));
-  const bool is_code = model.cells > 0 || !model.codes.empty();
-  return is_code ? 0.75 * shortest : 0.5 * size;
+  return 0.75 * shortest;
 }
 
 /// True if a marker at a pose is, in the image, where it was detected, at one pose or the other: all vertices are, see
