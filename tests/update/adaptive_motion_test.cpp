@@ -35,6 +35,22 @@ TEST_CASE("adaptive motion: a velocity that nothing confirms fades with the memo
   const Vec6 moved = motion.moved({{1, 0, 0}, {0, 0, 2}}, 0.1);
   CHECK(moved.t.x == doctest::Approx(0.1 * (1 - std::exp(-1))));
   CHECK(moved.r.z == doctest::Approx(0.2 * (1 - std::exp(-1))));
+  const Vec6 faded = motion.faded({{1, 0, 0}, {0, 0, 2}}, 0.1);
+  CHECK(faded.t.x == doctest::Approx(std::exp(-1)));
+  CHECK(faded.r.z == doctest::Approx(2 * std::exp(-1)));
+}
+
+TEST_CASE("adaptive motion: a translation whose velocity has faded is no better known for it") {
+  KalmanSettings settings;
+  settings.velocity_memory_s = 0.1;
+  settings.confirmed_velocity_memory_s = 2;
+  const AdaptiveMotion motion(settings);
+  const MotionStep step = motion.step(0.1, {}, statistics()).motion;
+  for (std::size_t k = 0; k < 6; ++k) {
+    CAPTURE(k);
+    CHECK(step.velocity_kept[k] == doctest::Approx(std::exp(k < 3 ? -0.05 : -1)));
+    CHECK(step.pose_by_velocity[k] == doctest::Approx(k < 3 ? 2 * (1 - std::exp(-0.05)) : 0.1 * (1 - std::exp(-1))));
+  }
 }
 
 TEST_CASE("adaptive motion: few events bound the motion, once it is known how many the edges make") {

@@ -22,7 +22,8 @@ namespace evmarker {
 /// much it accelerates, see ProcessNoise, and how far its edges can have moved, see MotionBound.
 class AdaptiveMotion {
  public:
-  /// A prediction, with the density of the white acceleration along each axis [m^2/s^3, rad^2/s^3].
+  /// What a prediction does to the covariance, with the density of the white acceleration along each axis [m^2/s^3,
+  /// rad^2/s^3].
   struct Step {
     MotionStep motion;
     std::array<double, 6> acceleration;
@@ -32,7 +33,7 @@ class AdaptiveMotion {
       : memory_s_(settings.velocity_memory_s),
         confirmed_memory_s_(settings.confirmed_velocity_memory_s),
         noise_(settings) {
-    fading_.fill(1 / memory_s_);
+    set_fading(filled(1 / memory_s_));
   }
 
   /// Adds an event. A fair sample of them is enough.
@@ -63,9 +64,9 @@ class AdaptiveMotion {
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   void choose_fading(double signal, const KalmanState& state, double lever2) noexcept {
     constexpr double kFasterInNoise = 1.4;
-    fading_ = velocity_memory_.update_fading(
+    set_fading(velocity_memory_.update_fading(
         std::lerp(kFasterInNoise, 1.0, signal) / memory_s_, 1 / confirmed_memory_s_,
-        squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r), state.speed_variance(lever2), signal);
+        squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r), state.speed_variance(lever2), signal));
   }
 
   /// Switches on the bound of the motion by the number of events, see MotionBound::set.
@@ -98,16 +99,20 @@ class AdaptiveMotion {
     if (expected_px > bound_.most_px()) state.scale_velocity(bound_.most_px() / expected_px);
   }
 
-  /// The motion over dt [s], with a process noise limited to what is possible.
+  /// What is not known of a motion over dt [s], with a process noise limited to what is possible.
   Step step(double dt, const Vec6& twist, const MeasurementStatistics& statistics) const noexcept {
     const std::array<double, 6> q = noise_.density(EdgeSpeed::of(twist, statistics.lever2()), statistics.lever2());
     const double lever2_of_bound = statistics.known() ? std::max(statistics.lever2(), ProcessNoise::kSmallestLever2)
                                                       : std::numeric_limits<double>::infinity();  // limits no turn
-    return {bound_.limited(motion_step(dt, fading_), q[0], lever2_of_bound), q};
+    return {bound_.limited(motion_step(dt, uncertainty_fading_), q[0], lever2_of_bound), q};
   }
 
   /// How far a velocity carries in dt [s] while it fades.
   Vec6 moved(const Vec6& velocity, double dt) const noexcept { return motion_step(dt, fading_).moved(velocity); }
+  /// What is left of a velocity after dt [s].
+  Vec6 faded(const Vec6& velocity, double dt) const noexcept {
+    return scaled(motion_step(dt, fading_).velocity_kept, velocity);
+  }
 
   /// The lead from a state to a pose that is dt later, cut short where the motion is bounded: so that neither the
   /// velocity nor its deviation carries the edges farther.
@@ -127,10 +132,21 @@ class AdaptiveMotion {
   }
 
  private:
+  static std::array<double, 6> filled(double rate) noexcept { return {rate, rate, rate, rate, rate, rate}; }
+
+  // A velocity fades because nothing confirms it, not because the marker is known to have stopped. So what is not known
+  // of a translation lasts as long as a confirmed velocity. Otherwise a small marker that comes nearer, whose edges
+  // hardly move, would soon be sure to stand still, and lag behind by many standard deviations. A rotation does not go
+  // on for so long: when it was treated alike, slow motion was followed less smoothly, and none was followed better.
+  void set_fading(const std::array<double, 6>& rates) noexcept {
+    fading_ = uncertainty_fading_ = rates;
+    for (std::size_t k = 0; k < 3; ++k) uncertainty_fading_[k] = std::min(rates[k], 1 / confirmed_memory_s_);
+  }
+
   double memory_s_, confirmed_memory_s_;  // see KalmanSettings::velocity_memory_s
   ProcessNoise noise_;
   VelocityMemory velocity_memory_;
-  std::array<double, 6> fading_;  // of the velocity, along each axis [1/s]
+  std::array<double, 6> fading_, uncertainty_fading_;  // of the velocity and of its deviation, along each axis [1/s]
   MotionBound bound_;
   EdgeGradients gradients_;
 };

@@ -77,11 +77,12 @@ struct KalmanState {
     return of_translation + lever2 * of_rotation;
   }
 
-  /// Predicts twist and covariance over a step. The caller moves the pose, by motion.moved(twist), before this call.
+  /// Predicts twist and covariance over a step; the caller moves the pose.
+  /// @param faded the twist after the step
   /// @param q density of the white acceleration along each axis
-  void predict(const MotionStep& motion, const std::array<double, 6>& q) noexcept {
+  void predict(const Vec6& faded, const MotionStep& motion, const std::array<double, 6>& q) noexcept {
     simd::in_packs([&](auto bits) __attribute__((always_inline)) { P.predict<bits>(motion, q); });
-    twist = scaled(motion.velocity_kept, twist);
+    twist = faded;
   }
 
   /// Lets the biases walk at random; their variances do not grow beyond the initial ones.

@@ -314,9 +314,9 @@ class KalmanUpdate {
     // At the state's own time, as in updates at the same time or after reverse(): the state stays, and only the pose
     // goes back to it.
     if (dt == 0) return -1 * lead.motion;
-    const auto [motion, q] = motion_.step(dt, state_.twist, statistics_);
-    const Vec6 moved = motion.moved(state_.twist) - lead.motion;
-    state_.predict(motion, q);
+    const auto [uncertainty, q] = motion_.step(dt, state_.twist, statistics_);
+    const Vec6 moved = motion_.moved(state_.twist, dt) - lead.motion;
+    state_.predict(motion_.faded(state_.twist, dt), uncertainty, q);
     state_.let_biases_drift(squared(settings_.offset_drift_px) * std::abs(dt), initial_bias_variances());
     return moved;
   }
