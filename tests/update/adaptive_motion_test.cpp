@@ -35,9 +35,11 @@ TEST_CASE("adaptive motion: a velocity that nothing confirms fades with the memo
   const Vec6 moved = motion.moved({{1, 0, 0}, {0, 0, 2}}, 0.1);
   CHECK(moved.t.x == doctest::Approx(0.1 * (1 - std::exp(-1))));
   CHECK(moved.r.z == doctest::Approx(0.2 * (1 - std::exp(-1))));
-  const Vec6 faded = motion.faded({{1, 0, 0}, {0, 0, 2}}, 0.1);
+  const Vec6 faded = motion.faded({{1, 0, 0}, {0, 0, 2}}, moved, 0.1);
   CHECK(faded.t.x == doctest::Approx(std::exp(-1)));
   CHECK(faded.r.z == doctest::Approx(2 * std::exp(-1)));
+  const Vec6 moved_back = motion.moved({{1, 0, 0}, {}}, -0.1);  // it fades in a step back in time, too
+  CHECK(motion.faded({{1, 0, 0}, {}}, moved_back, -0.1).t.x == doctest::Approx(std::exp(-1)));
 }
 
 TEST_CASE("adaptive motion: a translation whose velocity has faded is no better known for it") {

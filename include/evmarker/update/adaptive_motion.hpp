@@ -31,9 +31,9 @@ class AdaptiveMotion {
 
   explicit AdaptiveMotion(const KalmanSettings& settings)
       : memory_s_(settings.velocity_memory_s),
-        confirmed_memory_s_(settings.confirmed_velocity_memory_s),
+        confirmed_fading_(1 / settings.confirmed_velocity_memory_s),
         noise_(settings) {
-    set_fading(filled(1 / memory_s_));
+    fading_.fill(1 / memory_s_);
   }
 
   /// Adds an event. A fair sample of them is enough.
@@ -64,9 +64,9 @@ class AdaptiveMotion {
   /// @param lever2 mean squared distance of the edges from the marker's origin [m^2]
   void choose_fading(double signal, const KalmanState& state, double lever2) noexcept {
     constexpr double kFasterInNoise = 1.4;
-    set_fading(velocity_memory_.update_fading(
-        std::lerp(kFasterInNoise, 1.0, signal) / memory_s_, 1 / confirmed_memory_s_,
-        squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r), state.speed_variance(lever2), signal));
+    fading_ = velocity_memory_.update_fading(std::lerp(kFasterInNoise, 1.0, signal) / memory_s_, confirmed_fading_,
+                                             squared_norm(state.twist.t) + lever2 * squared_norm(state.twist.r),
+                                             state.speed_variance(lever2), signal);
   }
 
   /// Switches on the bound of the motion by the number of events, see MotionBound::set.
@@ -104,14 +104,19 @@ class AdaptiveMotion {
     const std::array<double, 6> q = noise_.density(EdgeSpeed::of(twist, statistics.lever2()), statistics.lever2());
     const double lever2_of_bound = statistics.known() ? std::max(statistics.lever2(), ProcessNoise::kSmallestLever2)
                                                       : std::numeric_limits<double>::infinity();  // limits no turn
-    return {bound_.limited(motion_step(dt, uncertainty_fading_), q[0], lever2_of_bound), q};
+    return {bound_.limited(motion_step(dt, uncertainty_fading()), q[0], lever2_of_bound), q};
   }
 
   /// How far a velocity carries in dt [s] while it fades.
-  Vec6 moved(const Vec6& velocity, double dt) const noexcept { return motion_step(dt, fading_).moved(velocity); }
-  /// What is left of a velocity after dt [s].
-  Vec6 faded(const Vec6& velocity, double dt) const noexcept {
-    return scaled(motion_step(dt, fading_).velocity_kept, velocity);
+  Vec6 moved(const Vec6& velocity, double dt) const noexcept {
+    std::array<double, 6> way;
+    for (std::size_t k = 0; k < 6; ++k) way[k] = carried(dt, fading_[k]);
+    return scaled(way, velocity);
+  }
+  /// What is left of a velocity after dt [s], in which it carried as far as `moved(velocity, dt)`: it fades by its rate
+  /// times the way.
+  Vec6 faded(const Vec6& velocity, const Vec6& moved, double dt) const noexcept {
+    return velocity - std::copysign(1.0, dt) * scaled(fading_, moved);
   }
 
   /// The lead from a state to a pose that is dt later, cut short where the motion is bounded: so that neither the
@@ -132,21 +137,20 @@ class AdaptiveMotion {
   }
 
  private:
-  static std::array<double, 6> filled(double rate) noexcept { return {rate, rate, rate, rate, rate, rate}; }
-
   // A velocity fades because nothing confirms it, not because the marker is known to have stopped. So what is not known
   // of a translation lasts as long as a confirmed velocity. Otherwise a small marker that comes nearer, whose edges
   // hardly move, would soon be sure to stand still, and lag behind by many standard deviations. A rotation does not go
   // on for so long: when it was treated alike, slow motion was followed less smoothly, and none was followed better.
-  void set_fading(const std::array<double, 6>& rates) noexcept {
-    fading_ = uncertainty_fading_ = rates;
-    for (std::size_t k = 0; k < 3; ++k) uncertainty_fading_[k] = std::min(rates[k], 1 / confirmed_memory_s_);
+  std::array<double, 6> uncertainty_fading() const noexcept {
+    std::array<double, 6> rates = fading_;
+    for (std::size_t k = 0; k < 3; ++k) rates[k] = std::min(rates[k], confirmed_fading_);
+    return rates;
   }
 
-  double memory_s_, confirmed_memory_s_;  // see KalmanSettings::velocity_memory_s
+  double memory_s_, confirmed_fading_;  // see KalmanSettings::velocity_memory_s; the second as a rate [1/s]
   ProcessNoise noise_;
   VelocityMemory velocity_memory_;
-  std::array<double, 6> fading_, uncertainty_fading_;  // of the velocity and of its deviation, along each axis [1/s]
+  std::array<double, 6> fading_;  // of the velocity, along each axis [1/s]
   MotionBound bound_;
   EdgeGradients gradients_;
 };

@@ -315,10 +315,10 @@ class KalmanUpdate {
     // goes back to it.
     if (dt == 0) return -1 * lead.motion;
     const auto [uncertainty, q] = motion_.step(dt, state_.twist, statistics_);
-    const Vec6 moved = motion_.moved(state_.twist, dt) - lead.motion;
-    state_.predict(motion_.faded(state_.twist, dt), uncertainty, q);
+    const Vec6 moved = motion_.moved(state_.twist, dt);
+    state_.predict(motion_.faded(state_.twist, moved, dt), uncertainty, q);
     state_.let_biases_drift(squared(settings_.offset_drift_px) * std::abs(dt), initial_bias_variances());
-    return moved;
+    return moved - lead.motion;
   }
 
   void move_to(Eigen::Isometry3d& T_camera_marker, Timestamp t) noexcept {
