@@ -400,8 +400,8 @@ TEST_CASE("examples: a video has a frame for every 20 ms of the recording and th
 
 #endif
 
-// The tests of replay ask for poses of a recording of 0.6 s. Beside other work a detection takes up to a tenth of a
-// second, with a sanitizer up to a whole one, and two must be over long before the recording's end.
+// The tests of replay ask for poses of a recording of 0.6 s. With a sanitizer, beside other work, a detection
+// takes half a second and more, and two must be over long before the recording's end.
 constexpr double kReplaySpeed = kSanitized ? 0.02 : 0.2;
 
 TEST_CASE("examples: replay plays a recording at its own pace, tracks it and accounts for every event") {

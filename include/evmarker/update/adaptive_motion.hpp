@@ -139,8 +139,8 @@ class AdaptiveMotion {
  private:
   // A velocity fades because nothing confirms it, not because the marker is known to have stopped. So what is not known
   // of a translation lasts as long as a confirmed velocity. Otherwise a small marker that comes nearer, whose edges
-  // hardly move, would soon be sure to stand still, and lag behind by many standard deviations. A rotation does not go
-  // on for so long: when it was treated alike, slow motion was followed less smoothly, and none was followed better.
+  // hardly move, would soon be sure to stand still, and lag behind by many standard deviations. Not so for rotation: by
+  // measurement, slow motion was then followed less smoothly, and none was followed better.
   std::array<double, 6> uncertainty_fading() const noexcept {
     std::array<double, 6> rates = fading_;
     for (std::size_t k = 0; k < 3; ++k) rates[k] = std::min(rates[k], confirmed_fading_);
