@@ -58,12 +58,3 @@ TEST_CASE("motion model: no time changes nothing") {
   CHECK(step.velocity_kept == MotionStep().velocity_kept);
   CHECK(step.q_velocity == MotionStep().q_velocity);
 }
-
-TEST_CASE("motion model: what a twist moves") {
-  const Vec6 moved = motion_step(0.1, {0, 0, 10, 0, 0, 10}).moved({{1, 2, 3}, {4, 5, 6}});
-  CHECK(moved.t.x == doctest::Approx(0.1));
-  CHECK(moved.t.y == doctest::Approx(0.2));
-  CHECK(moved.t.z == doctest::Approx(0.3 * (1 - std::exp(-1))));
-  CHECK(moved.r.x == doctest::Approx(0.4));
-  CHECK(moved.r.z == doctest::Approx(0.6 * (1 - std::exp(-1))));
-}

@@ -69,7 +69,7 @@ class AdaptiveMotion {
                                              state.speed_variance(lever2), signal);
   }
 
-  /// Switches on the bound of the motion by the number of events, see MotionBound::set.
+  /// Switches on the bound of the motion by the number of events, see MotionBound::set_event_rates.
   void bound_by_events(double per_px, double per_passage) noexcept { bound_.set_event_rates(per_px, per_passage); }
   /// Takes the bound away until the next `limit`.
   void lift_bound() noexcept { bound_.lift(); }

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <cstddef>
 
-#include "evmarker/base/vector.hpp"
-
 namespace evmarker {
 
 /// A discretised Ornstein-Uhlenbeck velocity along each of six axes: s(t + dt) = F s(t) + w, cov(w) = Q, for s = [pose;
@@ -21,9 +19,6 @@ namespace evmarker {
 struct MotionStep {
   std::array<double, 6> pose_by_velocity{}, velocity_kept{1, 1, 1, 1, 1, 1};  ///< of F
   std::array<double, 6> q_pose{}, q_cross{}, q_velocity{};                    ///< of Q, for q = 1
-
-  /// The motion of the pose for a twist at the step's begin.
-  Vec6 moved(const Vec6& twist) const noexcept { return scaled(pose_by_velocity, twist); }
 };
 
 namespace detail {
