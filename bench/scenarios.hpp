@@ -375,7 +375,7 @@ inline std::vector<Scenario> scenarios() {
   add("uneven", "near, edges of different contrast: 2 to 9 events a passage", 0.5, 0.4, 0.99, detail::uneven);
   add("dim_sensor", "near, pixels as slow as they are dark: 0.35-3.75 ms", 1, 0.5, 0.97, detail::dim_sensor);
   add("refractory", "2000 px/s, pixels dead for 0.5 ms after an event", 1, 0.5, 0.97, detail::refractory);
-  add("defocus", "near, out of focus: blur of 1.3 px", 0.6, 0.3, 0.99, detail::defocus);
+  add("defocus", "near, out of focus: blur of 1.3 px", 0.4, 0.3, 0.99, detail::defocus);
   add("davis346", "346x260, f = 324 px, sensor like DAVIS346", 1, 0.6, 0.97, detail::davis346);
   add("dvs128", "128x128, f = 112 px, 0.3-0.4 m, sensor like DVS128", 2, 2, 0.95, detail::dvs128);
   add("fisheye", "fisheye lens, f = 270 px, out to 65 deg", 0.6, 0.5, 0.95, detail::fisheye);

@@ -42,6 +42,7 @@ struct CountingRule {
     bool skip = false;
     double step_z = 0;
     double smear_px = 0;
+    double blur = 1;
   };
   CountingRule(const Settings& given, int events) : settings(given), events_per_update(events) {}
   void add(const Correspondence& c, const Isometry3d& T_camera_marker) noexcept {
@@ -374,23 +375,27 @@ TEST_CASE("automatic: more where a pixel makes more events, and a number stays t
   }
 }
 
-TEST_CASE("the matching distance follows the smear of slow pixels, not across a cell, and no other wireframe's") {
+TEST_CASE("the matching distance follows blur and smear, not across a cell, and no other wireframe's") {
   struct Slow : CountingRule {  // tells how far its pixels smear edges
     using CountingRule::CountingRule;
     double smear_px() const noexcept { return settings.smear_px; }
+    double blur() const noexcept { return settings.blur; }
     void set_max_distance_px(double distance_px) noexcept { told_px = distance_px; }
     double told_px = 0;
   };
   const CodeBits bits = CodeBits::Identity(4, 4);
   const Isometry3d near = turned_pose({std::numbers::pi, 0, 0}, {0, 0, 0.5});  // cells of 16.7 px
-  const auto distance_px = [&](const MarkerModel& model, const Isometry3d& T, double smear_px) {
-    EdgeFollower<Slow> follower(model, kFocal, T, {.events_per_update = 1, .update = {.smear_px = smear_px}});
+  const auto distance_px = [&](const MarkerModel& model, const Isometry3d& T, double smear_px, double blur = 1) {
+    EdgeFollower<Slow> follower(model, kFocal, T,
+                                {.events_per_update = 1, .update = {.smear_px = smear_px, .blur = blur}});
     CHECK(follower.rule().told_px == follower.matcher().max_distance_px());
     return follower.matcher().max_distance_px();
   };
   const MarkerModel marker = evmarker::make_code_marker(0.1, bits);
   CHECK(distance_px(marker, near, 0) == doctest::Approx(2).scale(0));
   CHECK(distance_px(marker, near, 1) == doctest::Approx(std::hypot(2, 3)).scale(0));
+  CHECK(distance_px(marker, near, 0, 1.5) == doctest::Approx(3).scale(0));
+  CHECK(distance_px(marker, near, 1, 1.5) == doctest::Approx(std::hypot(3, 3)).scale(0));
   const double widest = distance_px(marker, near, 100);
   CHECK(widest > 0.25 * 16.7);
   CHECK(widest <= 0.3 * 16.7);

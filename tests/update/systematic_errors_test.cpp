@@ -69,7 +69,7 @@ TEST_CASE(
   for (int i = 0; i < 2; ++i) {
     feed([&](auto... sample) { errors.add_moving_sample(sample...); });
     CHECK(errors.response_s() == delay_within(3));
-    errors.forget_delay();
+    errors.forget_start();
     CHECK(errors.response_s() == 0);
   }
 }
@@ -120,4 +120,28 @@ TEST_CASE("systematic errors: those of whole edges are evaluated when the edges 
   errors.add_motion(10, kSpread_px2);
   // Ten edges that err by 0.1 px; a seventh of the events shows each element of the pose.
   for (int i = 0; i < 6; ++i) CHECK(errors.edge_covariance()(i, i) == doctest::Approx(0.01 / 10 * 7));
+}
+
+TEST_CASE("systematic errors: a spread that stays is blur, unless it is the start pose's, or noise") {
+  const auto move = [](SystematicErrors& errors, double spread_px2) {
+    for (int i = 0; i < 1000; ++i) errors.add_motion(1, spread_px2);
+  };
+  SystematicErrors errors{KalmanSettings()};
+  move(errors, 1.2);  // while the start pose is still off
+  CHECK(errors.blur() == 1);
+  errors.forget_start();
+  CHECK(errors.blur() == 1);
+  move(errors, 1.2);
+  CHECK(errors.blur() == doctest::Approx(std::sqrt(1.2) / EdgeBlur::kSharp_px));
+  // Explained, it makes the pose no less certain.
+  SystematicErrors sharp{KalmanSettings()};
+  for (SystematicErrors* one : {&errors, &sharp}) {
+    one->set_max_distance_px(3.3);
+    one->measure(1.2, kPxPerS, true, 0, 0);
+  }
+  CHECK(errors.delay_variance_s2(kPxPerS) < 0.5 * sharp.delay_variance_s2(kPxPerS));
+  errors.forget_start();
+  for (int i = 0; i < 100; ++i) errors.add_noise_share(0.8);
+  move(errors, 1.2);
+  CHECK(errors.blur() == 1);
 }

@@ -195,11 +195,12 @@ class EdgeFollower {
   // a motion model the pose moves to and fro more than the marker does: only a jump means something.
   static constexpr double kChoiceHolds_px = MotionEstimatingRule<Rule> ? 0.1 : 1;
 
-  // Widens the matching distance by three times the spread that slow pixels give to moving edges, to 0.3 cells at most.
+  // Widens the matching distance as blur widens the edges, and by three times the spread that slow pixels give to
+  // moving ones, to 0.3 cells at most.
   void adapt_to_spread() noexcept {
     if constexpr (SmearEstimatingRule<Rule>) {
       constexpr double kSmears = 3, kMostCells = 0.3;
-      const double wide = std::hypot(max_distance_px_, kSmears * rule_.smear_px());
+      const double wide = std::hypot(rule_.blur() * max_distance_px_, kSmears * rule_.smear_px());
       const double distance = std::max(max_distance_px_, std::min(wide, kMostCells * matcher_.cell_px()));
       if (std::abs(distance - matcher_.max_distance_px()) > matcher_.max_distance_px() / 16)  // not every small change
         matcher_.set_max_distance_px(distance);

@@ -10,7 +10,8 @@ struct KalmanSettings {
   /// Factor on the measured spread of the events about their edges, for the noise of a single event: the events that an
   /// edge makes at one pixel err together, so that each is worth less.
   double inflation = 1.8;
-  double robust_px = 1;  ///< residuals beyond this count less and less (Cauchy weights)
+  /// Residuals beyond this count less and less (Cauchy weights); on a blurred sensor in proportion more, see EdgeBlur.
+  double robust_px = 1;
   /// White acceleration of the marker's edges at rest [m^2/s^3]. In motion, speed^3 / turning_distance_m is added: a
   /// hand changes its velocity within a distance, not within a time, and the number of events grows with distance, too.
   /// This is what is assumed at first; then the noise is learned, see MotionNoise.

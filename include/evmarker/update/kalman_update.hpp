@@ -163,7 +163,7 @@ class KalmanUpdate {
     row[6 + kTrail] = 1;
     row[kResidual] = trail_px - model_.bias[kTrail];
     measurements_.add(row, 1);
-    errors_.forget_delay();  // it was measured while the start pose was still off
+    errors_.forget_start();
     ErrorState error;
     if (measurements_.correct(state_.P, error, 1 / squared(sigma_px))) correct_biases(error);
     // The error is that at the state's own time; the velocity's correction also moves the pose, over the lead.
@@ -253,6 +253,8 @@ class KalmanUpdate {
   double delay_s() const noexcept { return errors_.delay_s(); }
   /// Standard deviation [px] by which the pixels' response time spreads the events of moving edges now.
   double smear_px() const noexcept { return errors_.smear_px(px_per_s()); }
+  /// By how much wider edges are than those of a focused sensor, see EdgeBlur.
+  double blur() const noexcept { return errors_.blur(); }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept { errors_.set_max_distance_px(distance_px); }
   /// True once the edges have moved by their width since the start or `transform`: then the velocity is known. Until
@@ -357,6 +359,17 @@ class KalmanUpdate {
     const MotionBound& bound = motion_.bound();
     errors_.measure(statistics_.spread_px2(), px_per_s(), background_.signal_weight == 1,
                     bound.rates_known() ? bound.events_per_passage() : 0, model_.bias[kTrail]);
+    follow_blur();
+  }
+
+  // Residuals count within a distance that follows the edges' width. Where their events lie on average was learned of
+  // those within the distance before, and may be off by as much as the edges turned out to be wider.
+  void follow_blur() noexcept {
+    const double robust_px = errors_.blur() * settings_.robust_px;
+    if (robust_px == model_.robust_px) return;
+    const double wider_px = EdgeBlur::kSharp_px * (robust_px - model_.robust_px) / settings_.robust_px;
+    state_.let_biases_drift(squared(wider_px), initial_bias_variances());
+    model_.robust_px = robust_px;
   }
 
   // Gives the model the motion: by it, it tells events of moving edges from noise, and where late ones lie.

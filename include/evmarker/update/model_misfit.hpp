@@ -12,8 +12,8 @@ class ModelMisfit {
   static constexpr double kTrailError = 0.25;
 
   /// Measures how far events lie from their edges, see UnexplainedSpread.
-  void measure_spread(double spread_px2, double max_distance_px, double smear_px) noexcept {
-    spread_.measure(spread_px2, max_distance_px, smear_px);
+  void measure_spread(double spread_px2, double max_distance_px, double smear_px, double blur_px2 = 0) noexcept {
+    spread_.measure(spread_px2, max_distance_px, smear_px, blur_px2);
   }
 
   /// Compares the two estimates of the trail: its variance is that of the second, and the square of their difference.

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "evmarker/matching/correspondence.hpp"
+#include "evmarker/update/edge_blur.hpp"
 #include "evmarker/update/edge_scatter.hpp"
 #include "evmarker/update/kalman_measurements.hpp"
 #include "evmarker/update/kalman_settings.hpp"
@@ -49,7 +50,7 @@ class SystematicErrors {
     constexpr double kWidth = 3.5, kSpreads = 8;
     moved_px_ += px;
     have_moved_ |= moved_px_ > kWidth * std::sqrt(spread_px2);
-    if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate();
+    if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate(spread_px2);
   }
 
   /// To be called when the pose becomes another one.
@@ -72,7 +73,7 @@ class SystematicErrors {
     // matching distance, as where the edges have been lost.
     const double of_edges_px2 = moving ? spread_px2 : without_noise_px2(spread_px2);
     if (moving || UnexplainedSpread::fills(of_edges_px2, max_distance_px_))
-      misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s));
+      misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s), blur_.variance_px2());
     if (events_per_passage > 0) {
       const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
       // The trail by the width is half a contrast step, and a whole one is possible. What is not known of a delay looks
@@ -85,8 +86,12 @@ class SystematicErrors {
     edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
   }
 
-  /// Forgets what the residuals showed of a delay.
-  void forget_delay() noexcept { response_time_ = ResponseTime(max_distance_px_); }
+  /// Forgets what the residuals showed of a delay while the start pose was still off. From now on, they show blur, too.
+  void forget_start() noexcept {
+    response_time_ = ResponseTime(max_distance_px_);
+    blur_ = EdgeBlur();
+    start_is_over_ = true;
+  }
   /// Sets within which distance of an edge events are matched; 2 at first.
   void set_max_distance_px(double distance_px) noexcept {
     max_distance_px_ = distance_px;
@@ -102,6 +107,8 @@ class SystematicErrors {
   double smear_px(double px_per_s) const noexcept {
     return std::numbers::sqrt2 / 2 * response_time_.delay_s() * px_per_s;
   }
+  /// By how much wider edges are than those of a focused sensor, see EdgeBlur.
+  double blur() const noexcept { return blur_.factor(); }
   /// Variance of the time by which the pose is late [s^2], of which the filter itself knows nothing: a delay
   /// looks like a pose a little farther back along the motion.
   double delay_variance_s2(double px_per_s) const noexcept {
@@ -131,9 +138,10 @@ class SystematicErrors {
   static constexpr double kNoiseGain = 1.0 / 16;  // weight of a new share of 64 events: over 1000, as for the spread
   static constexpr double squared(double x) noexcept { return x * x; }
 
-  [[gnu::noinline]] void evaluate() noexcept {
+  [[gnu::noinline]] void evaluate(double spread_px2) noexcept {
     edges_.evaluate();
     response_time_.evaluate();
+    if (start_is_over_ && noise_share_ <= kMostNoise) blur_.add(without_noise_px2(spread_px2));
     moved_px_ = 0;
   }
 
@@ -153,11 +161,13 @@ class SystematicErrors {
   double latency_s_, latency_sigma_s_, initial_trail_px_;  // see KalmanSettings
   EdgeScatter edges_;
   ResponseTime response_time_;
+  EdgeBlur blur_;
   ModelMisfit misfit_;
   double max_distance_px_ = 2;  // of matched events
   double moved_px_ = 0;         // by the edges, since the residuals were evaluated
   bool have_moved_ = false;     // by their width
-  double noise_share_ = 0;      // of the events, lately
+  bool start_is_over_ = false;
+  double noise_share_ = 0;  // of the events, lately
   double edge_factor_ = 1;
   double most_trail_px_ = std::numeric_limits<double>::infinity();
 };

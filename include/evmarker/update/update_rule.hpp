@@ -66,11 +66,13 @@ concept MotionBoundingRule = MotionEstimatingRule<R> && requires(R& rule, Eigen:
   { rule.advance_by_event_count(T_camera_marker, t) } noexcept;
 };
 
-/// A rule that estimates how far the pixels' response time spreads the events of moving edges.
+/// A rule that estimates how far blur, and the pixels' response time while edges move, spread events.
 template <typename R>
 concept SmearEstimatingRule = PoseUpdateRule<R> && requires(R& rule, const R& constant, double distance_px) {
-  /// Standard deviation of that spread now [px].
+  /// Standard deviation by the response time now [px].
   { constant.smear_px() } noexcept -> std::same_as<double>;
+  /// By how much wider edges are, moving or not, than those of a focused sensor.
+  { constant.blur() } noexcept -> std::same_as<double>;
   /// Sets within which distance of an edge events are matched, which follows it.
   { rule.set_max_distance_px(distance_px) } noexcept;
 };
