@@ -56,6 +56,12 @@ struct PoseOutputOptions {
       throw std::invalid_argument("--relative: gives poses in the frame of the first one, without --frame board");
   }
 
+  /// What the poses are that are written, as `T_a_b`, which maps coordinates in b to a.
+  std::string transform() const {
+    if (!relative.empty()) return "T_" + std::to_string(relative[0]) + '_' + std::to_string(relative[1]);
+    return frame == "board" ? "T_marker_camera" : std::string(evmarker::io::kPoseTransform);
+  }
+
   /// Time between the poses that are written; none where one is written for each update.
   std::optional<std::chrono::microseconds> interval() const {
     const double rate = rate_hz > 0 || relative.empty() ? rate_hz : 100;
@@ -75,9 +81,9 @@ class PoseOutput {
     single_ = single || !options.relative.empty();
     if (options.output.empty()) return;
     if (options.format == "csv")
-      table_.emplace(options.output, columns);
+      table_.emplace(options.output, columns, options.transform());
     else if (single_)
-      trajectories_.emplace(kAny, options.output);
+      trajectories_.try_emplace(kAny, options.output, options.transform());
     else
       require_none_of_another_run();
   }
@@ -145,7 +151,8 @@ class PoseOutput {
     if (options_.output.empty() || pose.quality.state != evmarker::TrackingState::tracking) return;
     const evmarker::MarkerId id = single_ ? kAny : pose.id;
     auto trajectory = trajectories_.find(id);
-    if (trajectory == trajectories_.end()) trajectory = trajectories_.emplace(id, path_of(id)).first;
+    if (trajectory == trajectories_.end())
+      trajectory = trajectories_.try_emplace(id, path_of(id), options_.transform()).first;
     trajectory->second.write(pose);
   }
 

@@ -790,6 +790,10 @@ TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other'
     return read_table(read_file(folder / "rows.csv"));
   };
   const auto at_rate = rows_of(" --rate 250"), of_camera = rows_of(" --rate 250 --frame board");
+  const Result evaluated = run(folder, "evaluate rows.csv --truth truth.csv");
+  CHECK(evaluated.code == 1);
+  CHECK_MESSAGE(contains(evaluated.err, "rows.csv: line 2: its poses are T_marker_camera, not T_camera_marker"),
+                evaluated.err);
   const auto truth = read_table(read_file(folder / "truth.csv"));
   REQUIRE(at_rate.size() > 500);
   REQUIRE(of_camera.size() == at_rate.size());
@@ -811,6 +815,7 @@ TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other'
   const Result relative = run(folder, track + " --relative 1,2 --output rel.csv");
   REQUIRE_MESSAGE(relative.code == 0, relative.err);
   const auto in_first = read_table(read_file(folder / "rel.csv"));
+  CHECK(contains(run(folder, "evaluate truth.csv --truth rel.csv").err, "rel.csv: line 2: its poses are T_1_2, not "));
   REQUIRE(in_first.size() > 100);
   for (const Row& row : in_first) {
     CHECK(row.id == "2");
@@ -853,6 +858,9 @@ TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other'
       run(folder, "track_file b.raw --camera b.yml --marker-length 0.05 --ids 2 --format tum --output one.txt");
   REQUIRE_MESSAGE(of_one.code == 0, of_one.err);
   CHECK(split(read_file(folder / "one.txt"), '\n').size() > 200);
+  const Result back = run(folder, track + " --format tum --frame board --output back.txt");
+  REQUIRE_MESSAGE(back.code == 0, back.err);
+  CHECK(read_file(folder / "back_1.txt").starts_with("# T_marker_camera\n"));
 }
 
 TEST_CASE("examples: a body of straight edges is tracked from where its file or an option says that it is") {

@@ -72,6 +72,23 @@ TEST_CASE("PoseCsvWriter: the exact text of a table") {
   CHECK(folder.files() == 1);
 }
 
+TEST_CASE("Pose writers: poses that are not T_camera_marker are named, and not read as such") {
+  const TemporaryFolder folder;
+  PoseCsvWriter table(folder / "poses.csv", PoseColumns::pose, "T_marker_camera");
+  table.write(PoseEstimate{});
+  table.close();
+  CHECK(read_file(folder / "poses.csv").starts_with(std::string(kPoseCsvHeader) + ",transform\n"));
+  CHECK(read_file(folder / "poses.csv").ends_with(",none,T_marker_camera\n"));
+  TumWriter tum(folder / "poses.tum", "T_1_2");
+  tum.write(PoseEstimate{});
+  tum.close();
+  CHECK(read_file(folder / "poses.tum") == "# T_1_2\n0.000000 0 0 0 0 0 0 1\n");
+  CHECK(contains(error_of([&] { read_pose_csv(folder / "poses.csv"); }), "line 2: its poses are T_marker_camera"));
+  CHECK(contains(error_of([&] { read_tum(folder / "poses.tum"); }), "line 1: its poses are T_1_2"));
+  for (const char* file : {"poses.csv", "poses.tum"})
+    CHECK(contains(error_of([&] { GroundTruth::read(folder / file); }), "not T_camera_marker"));
+}
+
 TEST_CASE("PoseCsvWriter: numbers read back exactly, the quaternion with w >= 0") {
   const TemporaryFolder folder;
   const auto poses = random_poses(500);

@@ -16,6 +16,9 @@
 
 namespace evmarker::io {
 
+/// What the poses in a file are, unless it says otherwise: a table in its column `transform`, TUM in a line `# T_a_b`.
+inline constexpr std::string_view kPoseTransform = "T_camera_marker";
+
 /// First line of a pose table. Position [m] and unit quaternion are those of `T_camera_marker`.
 inline constexpr std::string_view kPoseCsvHeader =
     "t_us,marker_id,state,tx,ty,tz,qx,qy,qz,qw,matched,residual_px,backtrack_px,backtrack_rad,health,loss_reason";

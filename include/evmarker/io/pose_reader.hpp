@@ -59,6 +59,13 @@ inline bool is_comment(std::string_view line) {
   return text.empty() || text.front() == '#';
 }
 
+/// Other poses, as of the camera in a marker's frame, have the same numbers: only their name tells them apart.
+inline void require_pose_transform(const LineReader& lines, std::string_view transform) {
+  if (transform != kPoseTransform)
+    throw lines.error("its poses are " + std::string(transform.substr(0, 40)) + ", not " + std::string(kPoseTransform) +
+                      ": write them without --frame board and --relative");
+}
+
 /// Column names: the first line that is not a comment.
 inline std::vector<std::string> read_column_names(LineReader& lines) {
   while (const auto line = lines.next()) {
@@ -84,7 +91,10 @@ inline LossReason parse_loss_reason(const LineReader& lines, std::string_view te
 inline std::vector<TimedPose> parse_tum(LineReader lines) {
   std::vector<TimedPose> poses;
   while (const auto line = lines.next()) {
-    if (is_comment(*line)) continue;
+    const std::string_view text = trimmed(*line);
+    if (text.starts_with("# T_") && text.find(' ', 2) == std::string_view::npos)
+      require_pose_transform(lines, text.substr(2));
+    if (is_comment(text)) continue;
     const auto fields = split(*line, ' ');
     if (fields.size() != 8)
       throw lines.error("has " + std::to_string(fields.size()) + " numbers, not the 8 of 't tx ty tz qx qy qz qw'");
@@ -109,7 +119,8 @@ inline std::vector<PoseEstimate> parse_pose_csv(LineReader lines) {
   for (std::size_t i = 0; i < required.size(); ++i)
     if ((at[i] = column(required[i])) == names.size())
       throw lines.error("no column '" + std::string(required[i]) + "'");
-  const std::size_t state = column("state"), matched = column("matched"), loss_reason = column("loss_reason");
+  const std::size_t state = column("state"), matched = column("matched"), loss_reason = column("loss_reason"),
+                    transform = column("transform");
   const std::array<std::string_view, 4> values{"residual_px", "backtrack_px", "backtrack_rad", "health"};
 
   std::vector<PoseEstimate> poses;
@@ -118,6 +129,7 @@ inline std::vector<PoseEstimate> parse_pose_csv(LineReader lines) {
     const auto fields = split(*line, ',');
     if (fields.size() != names.size())
       throw lines.error("has " + std::to_string(fields.size()) + " columns, not " + std::to_string(names.size()));
+    if (transform < names.size()) require_pose_transform(lines, fields[transform]);
     PoseEstimate pose;
     pose.t = parse_number<Timestamp>(lines, "t_us", fields[at[0]]);
     pose.id = parse_number<MarkerId>(lines, "marker_id", fields[at[1]]);
@@ -141,7 +153,7 @@ inline std::vector<PoseEstimate> parse_pose_csv(LineReader lines) {
 }  // namespace detail
 
 /// Reads a trajectory in TUM format: lines `t tx ty tz qx qy qz qw`, t in seconds; lines that begin with `#` are
-/// comments.
+/// comments, but one that says that the poses are not `T_camera_marker`, as `# T_marker_camera`, is an error.
 /// @throws RecordingError naming a line that is malformed or not later than the line before
 inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
   return detail::parse_tum(LineReader(path));
@@ -149,7 +161,7 @@ inline std::vector<TimedPose> read_tum(const std::filesystem::path& path) {
 
 /// Reads a pose table as PoseCsvWriter writes it. Columns are found by name; of those in kPoseCsvHeader, `state` and
 /// all behind `qw` are optional. Missing ones are read as `tracking` and the defaults of TrackingQuality.
-/// @throws RecordingError naming line and value that are malformed
+/// @throws RecordingError naming line and value that are malformed, or a `transform` that is not `T_camera_marker`
 inline std::vector<PoseEstimate> read_pose_csv(const std::filesystem::path& path) {
   return detail::parse_pose_csv(LineReader(path));
 }

@@ -21,12 +21,15 @@ enum class PoseColumns { pose, pose_and_motion };
 /// `close()`; a writer that is destroyed before that leaves no file.
 class PoseCsvWriter {
  public:
+  /// @param transform what the poses are, as `T_marker_camera`: if not kPoseTransform, a last column says so
   /// @throws RecordingError where the file cannot be created
-  explicit PoseCsvWriter(std::filesystem::path path, PoseColumns columns = PoseColumns::pose)
-      : output_(std::move(path)), columns_(columns) {
+  explicit PoseCsvWriter(std::filesystem::path path, PoseColumns columns = PoseColumns::pose,
+                         const std::string& transform = std::string(kPoseTransform))
+      : output_(std::move(path)), columns_(columns), end_(transform == kPoseTransform ? "\n" : ',' + transform + '\n') {
     std::string& text = output_.buffer();
     text = kPoseCsvHeader;
     if (columns == PoseColumns::pose_and_motion) text += kPoseCsvMotionHeader;
+    if (transform != kPoseTransform) text += ",transform";
     text += '\n';
   }
 
@@ -48,7 +51,7 @@ class PoseCsvWriter {
         text += ',';
         append_number(text, value);
       }
-    text += '\n';
+    text += end_;
     ++poses_written_;
     output_.flush_if_large();
   }
@@ -61,6 +64,7 @@ class PoseCsvWriter {
  private:
   BufferedOutput<std::string> output_;
   PoseColumns columns_;
+  std::string end_;  // of each row
   std::uint64_t poses_written_ = 0;
 };
 
@@ -68,8 +72,12 @@ class PoseCsvWriter {
 /// microsecond, whatever the state of the track. The file appears under its name in `close()`.
 class TumWriter {
  public:
+  /// @param transform what the poses are, as `T_marker_camera`: if not kPoseTransform, a comment says so
   /// @throws RecordingError where the file cannot be created
-  explicit TumWriter(std::filesystem::path path) : output_(std::move(path)) {}
+  explicit TumWriter(std::filesystem::path path, const std::string& transform = std::string(kPoseTransform))
+      : output_(std::move(path)) {
+    if (transform != kPoseTransform) output_.buffer() = "# " + transform + '\n';
+  }
 
   /// @throws RecordingError where the disk is full
   void write(Timestamp t, const Eigen::Isometry3d& T_camera_marker) {
