@@ -110,7 +110,7 @@ class Recording {
   io::EventReader open() const {
     std::optional<SensorSize> size;
     if (!options_.size.empty()) size = {options_.size[0], options_.size[1]};
-    return io::EventReader(options_.recording, options_.reader.options(size));
+    return recording_checks::open(options_.recording, size, options_.reader);
   }
 
   const Options& options_;

@@ -2,6 +2,7 @@
 // What a command line says about a recording that the recording itself leaves open.
 #include <CLI/CLI.hpp>
 #include <evmarker/io/event_reader.hpp>
+#include <evmarker/io/recording_error.hpp>
 #include <evmarker/io/text_layout.hpp>
 #include <optional>
 #include <string>
@@ -17,6 +18,19 @@ struct ReaderOptions {
                    "order of a text recording's columns, as t,x,y,p, with - for any other; default: recognised");
     app.add_option("--time-unit", time_unit, "of a recording in text or HDF5: s, ms, us or ns; default: recognised")
         ->check(CLI::IsMember({"s", "ms", "us", "ns"}));
+  }
+
+  /// @throws evmarker::io::RecordingError for an option that says nothing of such a recording
+  void require_meaning(evmarker::io::RecordingKind kind, const std::string& path) const {
+    using enum evmarker::io::RecordingKind;
+    const auto require = [&](bool meant, const char* option, const std::string& what_for) {
+      if (!meant)
+        throw evmarker::io::RecordingError(
+            path, "is " + std::string(to_string(kind)) + ", but " + option + " is for " + what_for);
+    };
+    require(topic.empty() || kind == mcap || kind == rosbag || kind == rosbag2, "--topic", "ROS recordings");
+    require(columns.empty() || kind == text, "--columns", "text");
+    require(time_unit.empty() || kind == text || kind == hdf5, "--time-unit", "text and HDF5");
   }
 
   /// For a recording that ends when the program is interrupted.

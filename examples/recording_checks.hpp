@@ -26,11 +26,13 @@ inline void require_size(evmarker::SensorSize recorded, const std::string& path,
 
 /// Opens a recording, which ends when the program is interrupted.
 /// @param size for a recording that does not state its own
-/// @throws std::runtime_error where it cannot be read
+/// @throws std::runtime_error where it cannot be read, or an option is for others
 inline evmarker::io::EventReader open(const std::string& path, std::optional<evmarker::SensorSize> size,
                                       const ReaderOptions& options) {
   try {
-    return evmarker::io::EventReader(path, options.options(size));
+    evmarker::io::EventReader recording(path, options.options(size));
+    options.require_meaning(recording.kind(), path);
+    return recording;
   } catch (const evmarker::io::RecordingError&) {
     if (interruption::requested) interruption::end(0, {});  // while a FIFO was silent, which then seems to be cut off
     throw;
