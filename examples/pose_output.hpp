@@ -125,7 +125,14 @@ class PoseOutput {
       for (const auto& [id, trajectory] : trajectories_)
         std::printf("output     %llu poses in %s\n", static_cast<unsigned long long>(trajectory.poses_written()),
                     path_of(id).c_str());
-    if (!options_.relative.empty()) print_mean();
+    if (average_.size() > 0) print_mean();
+  }
+
+  /// Why there is no relative pose, if one was to be written; else empty.
+  std::string no_relative() const {
+    if (options_.relative.empty() || average_.size() > 0) return {};
+    return "--relative: " + std::to_string(options_.relative[0]) + " and " + std::to_string(options_.relative[1]) +
+           " were never tracking at the same time (markers of a board are not tracked alone)";
   }
 
  private:
@@ -179,12 +186,6 @@ class PoseOutput {
 
   void print_mean() const {
     const int a = options_.relative[0], b = options_.relative[1];
-    if (average_.size() == 0) {
-      std::printf(
-          "relative   %d and %d were never tracking at the same time (markers of a board are not tracked alone)\n", a,
-          b);
-      return;
-    }
     const evmarker::MeanPose mean = average_.mean();
     const Eigen::Vector3d rotation = evmarker::so3_log(mean.T.linear()), translation = mean.T.translation();
     constexpr double kDegrees = 180 / std::numbers::pi;

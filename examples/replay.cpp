@@ -52,7 +52,7 @@ struct ReplayOptions : LiveOptions {
     app.add_flag("--find-first", find_first,
                  "a twentieth as fast until a marker is tracked: to see an overload from then on");
     app.add_option("--delays", delays, "how long each pose took from its event, as CSV for delays.gnuplot");
-    app.footer(console::exit_codes("2 no marker was found, "));
+    app.footer(console::exit_codes("2 no marker was found, or not both of --relative, "));
   }
 
   void require_distinct_files() const {
@@ -288,6 +288,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
                                            ? "no marker was tracked: this computer was too slow for it, beside its "
                                              "other work; play slower, as by --speed 0.2"
                                            : kNoMarkerHint);
+  if (const std::string none = outputs.poses().no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
 }
 
 }  // namespace

@@ -60,6 +60,7 @@ struct CameraOptions : LiveOptions {
       app.remove_option(file);
     }
     app.add_flag("--no-display", no_display, "no window but a line per second");
+    app.footer(console::exit_codes("2 not both of --relative were found, "));
     app.get_option("--quiet")->description("no line per second");
   }
 
@@ -293,7 +294,10 @@ void track(const CameraOptions& options, const PinholeCamera& camera, const type
   if (!interrupted) std::printf("ended: %s\n", ended ? "end of the file" : "window closed");
   output.print();
   print_last_line(pipeline.status());
-  if (!interrupted) return;
+  if (!interrupted) {
+    if (const std::string none = output.no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
+    return;
+  }
   std::vector<std::string> kept = output.kept();
   for (const std::string& file : triggers.kept()) kept.push_back(file);
   interruption::end(std::chrono::duration<double>(live::Clock::now() - start).count(), kept);

@@ -49,7 +49,7 @@ struct TrackFileOptions : TrackOptions {
         ->needs(video)
         ->capture_default_str();
     app.add_flag("--show", view.show, "show the same in a window, at the recording's pace");
-    app.footer(console::exit_codes("2 no marker or body was found, "));
+    app.footer(console::exit_codes("2 no marker or body was found, or not both of --relative, "));
   }
 
   void require_distinct_files() const {
@@ -103,6 +103,7 @@ class Run {
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
     comparison_.require_comparable(options_.recording);
     if (comparison_.poses() == 0) throw console::Exit(kNothingFound, if_none);
+    if (const std::string none = output_.no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
   }
 
  private:

@@ -1733,6 +1733,12 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   CHECK_MESSAGE(none.err.starts_with("track_file: no marker was tracked: "), none.err);
   CHECK(contains(none.out, " read, "));
   CHECK(read_table(read_file(folder / "poses.csv")).empty());
+  const Result one = run(folder, "track_file recording.raw" + kOptions + " --relative 7,8 --output rel.csv");
+  CHECK(one.code == 2);
+  CHECK(one.err ==
+        "track_file: --relative: 7 and 8 were never tracking at the same time (markers of a board are not tracked "
+        "alone)\n");
+  CHECK(read_table(read_file(folder / "rel.csv")).empty());
   const Result help = run(folder, "track_file --help");
   CHECK_MESSAGE(contains(help.out, "2 no marker or body was found"), help.out);
   CHECK_MESSAGE(contains(help.out, "130 or 143 interrupted"), help.out);
