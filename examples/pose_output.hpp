@@ -95,6 +95,7 @@ class PoseOutput {
 
   /// Takes the poses of all markers at one time.
   void write(std::span<const evmarker::PoseEstimate> poses) {
+    times_with_poses_ += !poses.empty();
     if (options_.relative.empty())
       for (const evmarker::PoseEstimate& pose : poses) write_in_frame(pose);
     else if (const auto* a = find(poses, options_.relative[0]), *b = find(poses, options_.relative[1]); a && b)
@@ -126,6 +127,18 @@ class PoseOutput {
         std::printf("output     %llu poses in %s\n", static_cast<unsigned long long>(trajectory.poses_written()),
                     path_of(id).c_str());
     if (average_.size() > 0) print_mean();
+  }
+
+  /// Where markers were tracked: why --rate leaves none of their poses, if it does; else empty.
+  std::string none_at_rate(double recorded_s) const {
+    if (options_.rate_hz == 0 || times_with_poses_ > 0 || options_.output.empty()) return {};
+    char text[160];
+    std::snprintf(
+        text, sizeof text,
+        "--rate %g: no pose is written: no marker was tracked at a multiple of %g s, as the recording is %.2f s "
+        "long",
+        options_.rate_hz, 1e-6 * static_cast<double>(options_.interval()->count()), recorded_s);
+    return text;
   }
 
   /// Why there is no relative pose, if one was to be written; else empty.
@@ -203,4 +216,5 @@ class PoseOutput {
   std::optional<evmarker::io::PoseCsvWriter> table_;
   std::map<evmarker::MarkerId, evmarker::io::TumWriter> trajectories_;
   evmarker::PoseAverage average_;
+  std::uint64_t times_with_poses_ = 0;  // of those at --rate
 };

@@ -288,6 +288,7 @@ void replay(const ReplayOptions& options, const typename Rule::Settings& rule, i
                                            ? "no marker was tracked: this computer was too slow for it, beside its "
                                              "other work; play slower, as by --speed 0.2"
                                            : kNoMarkerHint);
+  if (const std::string none = outputs.poses().none_at_rate(recorded_s); !none.empty()) console::say(none);
   if (const std::string none = outputs.poses().no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
 }
 

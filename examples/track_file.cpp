@@ -103,6 +103,7 @@ class Run {
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
     comparison_.require_comparable(options_.recording);
     if (comparison_.poses() == 0) throw console::Exit(kNothingFound, if_none);
+    if (const std::string none = output_.none_at_rate(summary_.recorded_s()); !none.empty()) console::say(none);
     if (const std::string none = output_.no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
   }
 

@@ -834,6 +834,13 @@ TEST_CASE("examples: poses at a rate, of the camera, of one marker in the other'
     CHECK(std::abs(number_after(relative.out, "translation: [", i) - (i == 0 ? 0.08 : 0)) < 3e-4);
   CHECK_MESSAGE(number_after(relative.out, "standard error ") < 0.3, relative.out);
 
+  const Result too_rare = run(folder, track + " --rate 0.1 --output rare.csv");
+  CHECK(too_rare.code == 0);
+  CHECK(
+      too_rare.err ==
+      "--rate 0.1: no pose is written: no marker was tracked at a multiple of 10 s, as the recording is 1.50 s long\n");
+  CHECK(read_table(read_file(folder / "rare.csv")).empty());
+
   const Result tum = run(folder, track + " --format tum --rate 250 --output poses.txt");
   REQUIRE_MESSAGE(tum.code == 0, tum.err);
   CHECK_FALSE(std::filesystem::exists(folder / "poses.txt"));
