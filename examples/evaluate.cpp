@@ -71,6 +71,7 @@ void evaluate(const Options& options) {
   print(comparison);
   if (const auto without = comparison.poses() - comparison.compared(); without > 0)
     std::printf("%" PRIu64 " of %zu poses have no true one\n", without, poses.size());
+  if (!options.errors.empty()) std::printf("written to %s\n", options.errors.c_str());
 }
 
 }  // namespace

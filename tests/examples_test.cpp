@@ -307,7 +307,8 @@ TEST_CASE("examples: simulate, track_file, evaluate from end to end") {
   REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
   CHECK(evaluated.err.empty());
   const auto lines = split(evaluated.out, '\n');
-  REQUIRE(lines.size() == 2);
+  REQUIRE(lines.size() == 3);
+  CHECK(lines[2] == "written to errors.csv");
   std::istringstream line(lines[1]);
   std::size_t id = 0, count = 0;
   double mm = 0, deg = 0;
