@@ -150,9 +150,6 @@ class Profile {
 
  private:
   void take(const Event& event) {
-    if (taken_) gaps_.add(last_, event.t);
-    taken_ = true;
-    last_ = event.t;
     recorded_.add(event.t);
     rate_.add(event.t);
     pixels_.add(event);
@@ -167,12 +164,13 @@ class Profile {
       std::printf(", %s peak (in 10 ms)", RateCurve::text(rate_.peak_hz()).c_str());
     std::puts("");
     rate_.print(recorded_.begin(), recorded_.end());
-    std::printf("gaps       longest %.3f ms, after %.6f s", 1e-3 * static_cast<double>(gaps_.longest_us()),
-                seconds(gaps_.longest_from()));
+    const EventGaps gaps = recorded_.gaps();
+    std::printf("gaps       longest %.3f ms, after %.6f s", 1e-3 * static_cast<double>(gaps.longest_us()),
+                seconds(gaps.longest_from()));
     if (pixels_.knows_noise(recorded_s())) {
       constexpr double kEnough = 20;  // noise events that did not come: by chance, in 2 of 10^9 such times
       const double gap_us = 1e6 * kEnough / pixels_.least_noise_hz();
-      std::printf("; %" PRIu64 " of more than %.3g ms, in which %.0f noise events were due", gaps_.count_from(gap_us),
+      std::printf("; %" PRIu64 " of more than %.3g ms, in which %.0f noise events were due", gaps.count_from(gap_us),
                   1e-3 * gap_us, kEnough);
     }
     std::puts("");
@@ -181,11 +179,8 @@ class Profile {
 
   std::uint64_t events_ = 0, on_ = 0;
   TimeGuard guard_;
-  bool taken_ = false;
-  Timestamp last_ = 0;
-  RecordedTime recorded_;
+  RecordedTimeWith<EventGaps> recorded_;
   RateCurve rate_;
-  EventGaps gaps_;
   PixelFaults pixels_;
   std::map<int, std::pair<std::uint64_t, std::uint64_t>> triggers_;  // rising and falling, of each input
 };

@@ -9,7 +9,9 @@
 /// to where it was, the times between are stray and count for nothing. So do those of a few events behind a last jump,
 /// or of one before a first, that is far longer than all other gaps. After any other jump, as by a rest or a clock that
 /// was set back, time goes on from there.
-class RecordedTime {
+/// @tparam Gaps `add(from, to)` takes the times from event to event, without what is stray
+template <typename Gaps>
+class RecordedTimeWith {
  public:
   void add(evmarker::Timestamp t) {
     const std::uint64_t before = events_++;
@@ -36,6 +38,13 @@ class RecordedTime {
     return 1e-6 * static_cast<double>(us);
   }
 
+  /// Of the events whose times are not stray.
+  Gaps gaps() const {
+    Gaps gaps = counted().gaps;
+    if (first_belongs()) gaps.add(*first_, counted().begin);
+    return gaps;
+  }
+
   /// Number of events whose times are stray.
   std::uint64_t stray() const {
     return stray_ + (first_ && !first_belongs()) + (ends_astray() ? events_ - events_before_jump_ : 0);
@@ -48,6 +57,7 @@ class RecordedTime {
   struct State {
     evmarker::Timestamp begin = 0, end = 0, last = 0;
     std::uint64_t passed_us = 0, longest_us = 0;  // from event to event
+    Gaps gaps = {};
 
     void move_to(evmarker::Timestamp t) {
       begin = std::min(begin, t);
@@ -56,6 +66,7 @@ class RecordedTime {
         const std::uint64_t gap_us = evmarker::elapsed_us(last, t);
         passed_us += gap_us;
         longest_us = std::max(longest_us, gap_us);
+        gaps.add(last, t);
       }
       if (t > last || distance_us(last, t) > kJump_us) last = t;
     }
@@ -94,3 +105,9 @@ class RecordedTime {
   std::optional<State> before_jump_;          // until the clock comes back or goes on for a while
   std::uint64_t events_before_jump_ = 0, jump_us_ = 0, steady_us_ = 0;
 };
+
+struct NoGaps {
+  void add(evmarker::Timestamp, evmarker::Timestamp) {}
+};
+
+using RecordedTime = RecordedTimeWith<NoGaps>;

@@ -2236,6 +2236,7 @@ TEST_CASE("examples: a few wrong times do not stretch what was recorded") {
     CHECK_MESSAGE(contains(info.out, "time       0.000000 s to 0.999950 s: 1.00 s\nrate       20"), info.out);
     CHECK_MESSAGE(contains(info.out, "recording  " + std::to_string(count) + " events "), info.out);
     CHECK_MESSAGE(contains(info.out, " 0.000 s  "), info.out);  // the left end of the plot
+    CHECK_MESSAGE(contains(info.out, "gaps       longest 0.050 ms, after 0.000000 s"), info.out);
   }
 }
 
