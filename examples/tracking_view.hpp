@@ -51,14 +51,16 @@ class TrackingView {
                const std::vector<std::string>& lines = {}) {
     measure(frame.t(), events);
     cv::Mat picture = evmarker::opencv::draw_frame(frame, scale(), std::chrono::milliseconds(120));
+    std::vector<std::string> all{caption(frame.t())};
+    all.insert(all.end(), lines.begin(), lines.end());
+    const int below_lines = evmarker::opencv::draw_lines_of_text(picture, all);
     for (const evmarker::PoseEstimate& pose : poses) {
       const auto rate = pose_rates_.find(pose.id);
       evmarker::opencv::draw_marker(picture, camera_, model_of(pose.id), pose,
-                                    rate == pose_rates_.end() ? "" : short_number(rate->second) + " poses/s");
+                                    rate == pose_rates_.end() ? "" : short_number(rate->second) + " poses/s",
+                                    below_lines);
     }
-    std::vector<std::string> all{caption(frame.t())};
-    all.insert(all.end(), lines.begin(), lines.end());
-    evmarker::opencv::draw_lines_of_text(picture, all);
+    evmarker::opencv::draw_lines_of_text(picture, all);  // again, over the markers' edges
     return picture;
   }
 

@@ -117,6 +117,23 @@ TEST_CASE("the colour of a marker shows its state, its axes point right and up")
   }
 }
 
+TEST_CASE("the label of a marker at the top of the picture lies below other text") {
+  const cv::Mat empty = opencv::make_picture({320, 240}, 3);
+  PoseEstimate pose;
+  pose.T_camera_marker = facing(0, -0.1, 0.1);
+  const auto labelled = [&](const char* note, int text_top) {
+    cv::Mat picture = empty.clone();
+    opencv::draw_marker(picture, kBarrelCamera, make_square_marker(0.1), pose, note, text_top);
+    return picture;
+  };
+  cv::Mat with_text = empty.clone();
+  const int below = opencv::draw_lines_of_text(with_text, std::vector<std::string>{"first", "second"});
+  const auto above = [&](const cv::Mat& picture) { return picture.rowRange(0, below).clone(); };
+  CHECK(changed(above(labelled("", 0)), above(labelled("note", 0))) > 0);
+  CHECK(changed(above(labelled("", below)), above(labelled("note", below))) == 0);
+  CHECK(changed(labelled("", below), labelled("note", below)) > 0);
+}
+
 TEST_CASE("what has no image leaves the picture alone") {
   const cv::Mat empty = opencv::make_picture({320, 240});
   Eigen::Isometry3d nan = facing(0, 0, 1);

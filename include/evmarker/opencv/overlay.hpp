@@ -105,13 +105,15 @@ inline void draw_text(cv::Mat& picture, const std::string& text, cv::Point at, c
 }
 
 /// Draws lines of text in the picture's top left corner.
+/// @returns y below them [px of the picture]
 template <std::ranges::input_range Lines>
-void draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
+int draw_lines_of_text(cv::Mat& picture, const Lines& lines) {
   int y = 8;
   for (const std::string& line : lines) {
     draw_text(picture, line, {8, y}, color::kText);
     y += detail::text_size(picture, line).height + 6;
   }
+  return y;
 }
 
 /// An empty dark picture with `scale` picture pixels to a sensor pixel, along each axis.
@@ -198,10 +200,11 @@ void draw_axes(cv::Mat& picture, const Camera& camera, const Eigen::Isometry3d& 
 }
 
 /// Draws a tracked marker: its edges in the colour of its state, its axes, and beside it its id, its state and a note.
+/// @param text_top least y of this text, which then lies below others [px of the picture]
 /// @throws std::invalid_argument if the picture is no 8-bit colour picture of the camera's shape
 template <CameraModel Camera>
 void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& model, const PoseEstimate& pose,
-                 const std::string& note = "") {
+                 const std::string& note = "", int text_top = 0) {
   const Eigen::Isometry3d& T = pose.T_camera_marker;
   const double scale = detail::scale_of(picture, camera);
   const cv::Scalar shade = state_color(pose.quality.state);
@@ -221,18 +224,19 @@ void draw_marker(cv::Mat& picture, const Camera& camera, const MarkerModel& mode
   const std::string label =
       "id " + std::to_string(pose.id) + " " + to_string(pose.quality.state) + (note.empty() ? "" : "  " + note);
   const cv::Size text = detail::text_size(picture, label);
-  const auto inside = [](double v, int most) {
-    return static_cast<int>(std::lround(std::clamp(v, 0.0, static_cast<double>(std::max(0, most)))));
+  const auto inside = [](double v, int least, int most) {
+    return static_cast<int>(std::lround(std::clamp(v, 1.0 * least, 1.0 * std::max(least, most))));
   };
   // Right of the marker, or left of it where there is no room.
   constexpr double kGap_px = 10;
   double x = (right_end.x() + kGap_px) * scale;
   const bool fits = x + text.width + 8 <= picture.cols;
   if (!fits) x = (left_end.x() - kGap_px) * scale - text.width - 8;
-  draw_text(picture, label,
-            {inside(x, picture.cols - text.width - 8),
-             inside((fits ? right_end : left_end).y() * scale - text.height / 2.0, picture.rows - text.height - 6)},
-            shade);
+  draw_text(
+      picture, label,
+      {inside(x, 0, picture.cols - text.width - 8),
+       inside((fits ? right_end : left_end).y() * scale - text.height / 2.0, text_top, picture.rows - text.height - 6)},
+      shade);
 }
 
 }  // namespace evmarker::opencv
