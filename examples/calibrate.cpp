@@ -220,12 +220,12 @@ void require_determined(const CameraFit& fit, const Deviations& sigma, double la
   if (2 * sigma.of[0] > kFocalLength * fit.intrinsics[0])
     refuse(text("the focal length is known to %.1f %% only: tilt the board more, up to 45 degrees, to all sides",
                 200 * sigma.of[0] / fit.intrinsics[0]));
-  const auto worst = std::ranges::max_element(sigma.in_image.px);
-  if (2 * *worst > largest_error_px)
+  const std::size_t worst = sigma.in_image.worst();
+  if (2 * sigma.in_image.px[worst] > largest_error_px)
     refuse(
         text("the image may be off by %.1f px (2 sigma) in its %s: bring the board there, too, for longer, or allow it "
              "with --largest-error",
-             2 * *worst, ImageDifference::name_of(static_cast<std::size_t>(worst - sigma.in_image.px.begin()))));
+             2 * sigma.in_image.px[worst], ImageDifference::name_of(worst)));
 }
 
 void calibrate(const Options& options) {
@@ -267,7 +267,7 @@ void calibrate(const Options& options) {
     std::printf("off by %.3f px from %s, on average over the image\n",
                 image_difference(*truth, fitter.camera(fit.intrinsics)).mean(), options.truth.c_str());
   if (!options.picture.empty() &&
-      !cv::imwrite(options.picture, draw_calibration(views, fit, options.lens(), recording.size()),
+      !cv::imwrite(options.picture, draw_calibration(views, fit, sigma.in_image, options.lens(), recording.size()),
                    {cv::IMWRITE_PNG_COMPRESSION, 9}))
     throw std::runtime_error(options.picture + ": cannot be written");
   require_determined(fit, sigma, options.largest_error_px);

@@ -1,7 +1,9 @@
 #pragma once
 // How far apart in the image two calibrations of one camera are.
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
+#include <cstddef>
 #include <evmarker/evmarker.hpp>
 #include <string>
 #include <vector>
@@ -15,6 +17,14 @@ struct ImageDifference {
     double sum = 0;
     for (const double distance : px) sum += distance;
     return sum / static_cast<double>(px.size());
+  }
+
+  /// The point where the distance is greatest.
+  std::size_t worst() const { return static_cast<std::size_t>(std::ranges::max_element(px) - px.begin()); }
+
+  static Eigen::Vector2d pixel(std::size_t point, evmarker::SensorSize size) {
+    return {static_cast<double>(point % kColumns) * (size.width - 1.0) / (kColumns - 1),
+            static_cast<double>(point / kColumns) * (size.height - 1.0) / (kRows - 1)};
   }
 
   /// As "upper left".
@@ -33,12 +43,10 @@ inline ImageDifference image_difference(const evmarker::PinholeCamera& a, const 
   const evmarker::SensorSize size = a.sensor_size();
   std::vector<Eigen::Vector2d> pixels;
   std::vector<Eigen::Vector3d> directions;
-  for (int row = 0; row < ImageDifference::kRows; ++row)
-    for (int column = 0; column < ImageDifference::kColumns; ++column) {
-      pixels.emplace_back(column * (size.width - 1.0) / (ImageDifference::kColumns - 1),
-                          row * (size.height - 1.0) / (ImageDifference::kRows - 1));
-      directions.push_back(a.line_of_sight(pixels.back()));
-    }
+  for (std::size_t point = 0; point < ImageDifference{}.px.size(); ++point) {
+    pixels.push_back(ImageDifference::pixel(point, size));
+    directions.push_back(a.line_of_sight(pixels.back()));
+  }
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
   ImageDifference difference;
   for (int iteration = 0; iteration < 8; ++iteration) {
