@@ -83,13 +83,18 @@ inline std::string marker_length_fault(double length, const std::string& text) {
   return length < 1 ? meant : meant + "; for " + text + " mm give " + evmarker::number_text(length / 1000);
 }
 
-/// Accepts a marker's length in metres: not in millimetres.
+/// Accepts a marker's length in metres: not in millimetres. What is more likely in centimetres is asked about, though
+/// there are markers of a metre and more, which are seen from far.
 inline CLI::Validator marker_length() {
   return {[](std::string& text) {
             if (const std::string fault = positive_number()(text); !fault.empty()) return fault;
             double length = 0;
             CLI::detail::lexical_cast(text, length);
-            return marker_length_fault(length, text);
+            std::string fault = marker_length_fault(length, text);
+            if (fault.empty() && length >= 1)
+              say("a marker's length of " + text + " is taken as metres: for " + text + " cm give " +
+                  evmarker::number_text(length / 100));
+            return fault;
           },
           "0.001..10"};
 }

@@ -1763,6 +1763,13 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   CHECK(contains(run(folder, "replay --help").out, "2 no marker was found"));
 }
 
+TEST_CASE("examples: a marker's length that may be in centimetres is asked about") {
+  const Result ten = run(simulated(), "track_file recording.raw --camera camera.yml --marker-length 10");
+  CHECK(contains(ten.err, "a marker's length of 10 is taken as metres: for 10 cm give 0.1\n"));
+  const Result half = run(simulated(), "track_file recording.raw --camera camera.yml --marker-length 7:0.5");
+  CHECK_MESSAGE(half.err.empty(), half.err);
+}
+
 TEST_CASE("examples: a truth of other markers or times is named at the end, and the poses are kept") {
   const TemporaryFolder folder;
   link_simulated(folder);
