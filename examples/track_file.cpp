@@ -20,6 +20,7 @@
 #include "track_options.hpp"
 #include "track_summary.hpp"
 #include "truth_comparison.hpp"
+#include "untracked.hpp"
 #include "viewer.hpp"
 
 using namespace evmarker;
@@ -81,11 +82,11 @@ class Run {
   }
 
   /// @param model_of gives the model of a marker's id
-  /// @param if_none what to say where there was no pose
+  /// @param if_none gives what to say where there was no pose, from frames of the recording
   /// @throws console::Exit where there was none, or the program was interrupted, and std::runtime_error where they
   /// cannot be compared with the truth; all files are complete
-  template <typename AnyTracker, typename ModelOf>
-  void operator()(AnyTracker& tracker, const ModelOf& model_of, const char* if_none) {
+  template <typename AnyTracker, typename ModelOf, typename IfNone>
+  void operator()(AnyTracker& tracker, const ModelOf& model_of, const IfNone& if_none) {
     const auto start = std::chrono::steady_clock::now();
     push_all(tracker, model_of);
     const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
@@ -102,12 +103,23 @@ class Run {
     if (const std::string doubt = comparison_.doubt(); !doubt.empty()) console::say(doubt);
     if (interrupted) interruption::end(summary_.recorded_s(), kept());
     comparison_.require_comparable(options_.recording);
-    if (comparison_.poses() == 0) throw console::Exit(kNothingFound, if_none);
+    if (comparison_.poses() == 0) {
+      require_order(statistics);
+      throw console::Exit(kNothingFound, if_none(frames_.get()));
+    }
     if (const std::string none = output_.none_at_rate(summary_.recorded_s()); !none.empty()) console::say(none);
     if (const std::string none = output_.no_relative(); !none.empty()) throw console::Exit(kNothingFound, none);
   }
 
  private:
+  // Cameras and drivers deliver a few events late; more are in another order than that of time.
+  void require_order(const io::RecordingStatistics& statistics) const {
+    if (statistics.time_steps_back * 100 > statistics.events)
+      throw console::Exit(kNothingFound, "no marker was tracked: the times of " + options_.recording + " step back " +
+                                             std::to_string(statistics.time_steps_back) +
+                                             " times: are its events in the order of time?");
+  }
+
   std::vector<std::string> kept() const {
     std::vector<std::string> files = output_.kept();
     for (const std::string& file : {options_.view.overlay, options_.view.video})
@@ -128,6 +140,7 @@ class Run {
         left = left.subspan(until_frame.size());
       }
       summary_.add(batch);
+      if (comparison_.poses() == 0) frames_.add(tracker.polarity_frame());
       progress.update(recording_.bytes_read(), recording_.bytes_total());
     }
   }
@@ -153,6 +166,7 @@ class Run {
   TruthComparison comparison_;
   PoseOutput output_;
   std::optional<TickTimes> ticks_;
+  UntrackedFrames frames_;
   TrackSummary summary_;
 };
 
@@ -168,14 +182,20 @@ void track(const TrackFileOptions& options, const typename Rule::Settings& rule,
     FollowedBody<Rule> tracker(camera, body, {settings.filter_window, settings.marker});
     run(
         tracker, [&](MarkerId) { return body.model; },
-        "the body was not found: it must move to be seen; is it where --start or the file's `start` says?");
+        [](const auto&) {
+          return "the body was not found: it must move to be seen; is it where --start or the file's `start` says?";
+        });
     return;
   }
   auto detector = options.detector(camera);
   Run run(options, camera, columns);
   Tracker tracker(camera, detector, settings);
   run(
-      tracker, [&](MarkerId id) { return detector.model(id); }, kNoMarkerHint);
+      tracker, [&](MarkerId id) { return detector.model(id); },
+      [&](const std::vector<PolarityFrame>& frames) {
+        const std::string reason = why_untracked(frames, camera, options.looked_for());
+        return reason.empty() ? std::string(kNoMarkerHint) : reason;
+      });
 }
 
 }  // namespace

@@ -108,6 +108,9 @@ struct TrackOptions : PoseOutputOptions {
                                    });
   }
 
+  /// The markers that are looked for, those of the boards, too.
+  evmarker::opencv::ArucoDetectorSettings looked_for() const { return aruco_settings(load_boards()); }
+
   /// True if the options name a single marker or board.
   bool track_one() const {
     const std::size_t several = 2, of_known_length = lengths.file().empty() ? lengths.own().size() : several;

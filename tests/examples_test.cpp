@@ -1742,7 +1742,7 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   link_simulated(folder);
   const Result none = run(folder, "track_file recording.raw" + kOptions + " --ids 3 --output poses.csv");
   CHECK(none.code == 2);
-  CHECK_MESSAGE(none.err.starts_with("track_file: no marker was tracked: "), none.err);
+  CHECK_MESSAGE(none.err.starts_with("track_file: no marker was tracked, but others were read: 7"), none.err);
   CHECK(contains(none.out, " read, "));
   CHECK(read_table(read_file(folder / "poses.csv")).empty());
   const Result one = run(folder, "track_file recording.raw" + kOptions + " --relative 7,8 --output rel.csv");
@@ -1761,6 +1761,37 @@ TEST_CASE("examples: where no marker is found, track_file says so with an exit c
   CHECK_MESSAGE(replayed.err.starts_with("replay: no marker was tracked: "), replayed.err);
   CHECK(contains(replayed.out, "latency_us "));
   CHECK(contains(run(folder, "replay --help").out, "2 no marker was found"));
+}
+
+TEST_CASE("examples: where no marker is tracked, what was read tells why") {
+  const TemporaryFolder folder;
+  link_simulated(folder);
+  std::string mirrored = "x,y,p,t_us\n", swapped = mirrored, unordered = mirrored;
+  evmarker::io::EventReader recording(folder / "recording.raw");
+  for (auto batch = recording.next_batch(); !batch.empty(); batch = recording.next_batch())
+    for (const evmarker::Event& e : batch) {
+      const auto line = [&](int x, int p, evmarker::Timestamp t) {
+        return std::to_string(x) + "," + std::to_string(e.y) + "," + std::to_string(p) + "," + std::to_string(t) + "\n";
+      };
+      mirrored += line(639 - e.x, e.p, e.t);
+      swapped += line(e.x, 1 - e.p, e.t);
+      unordered += line(e.x, e.p, 7919 * e.t % 600000);
+    }
+  write_file(folder / "mirrored.csv", mirrored);
+  write_file(folder / "swapped.csv", swapped);
+  write_file(folder / "unordered.csv", unordered);
+  const std::string alone = "track_file recording.raw --camera camera.yml --marker-length ";
+  for (const auto& [command, said] : std::vector<std::pair<std::string, std::string>>{
+           {alone + "3:0.1", "but others were read: 7; name them in --ids"},
+           {alone + "0.1 --ids 3", "but others were read: 7; name them in --ids"},
+           {"track_file mirrored.csv" + kOptions, "are read in the mirrored image: 7;"},
+           {"track_file swapped.csv" + kOptions, "are read with ON and OFF exchanged: 7;"},
+           {"track_file unordered.csv" + kOptions, "are its events in the order of time?"}}) {
+    const Result result = run(folder, command);
+    CHECK(result.code == 2);
+    CHECK_MESSAGE(contains(result.err, "track_file: no marker was tracked"), result.err);
+    CHECK_MESSAGE(contains(result.err, said), result.err);
+  }
 }
 
 TEST_CASE("examples: a marker's length that may be in centimetres is asked about") {
