@@ -21,7 +21,10 @@ TEST_CASE("model misfit: two trails that differ shift the pose and each edge, on
   CHECK(misfit.of_edge_px2() == 0);
   misfit.compare_trails(0.1, 0.4);
   CHECK(misfit.along_motion_px2() == doctest::Approx(0.01 + 0.09));
-  CHECK(misfit.of_edge_px2() == doctest::Approx(0.09 / 4));
+  CHECK(misfit.of_edge_px2() == doctest::Approx((0.09 - 0.01) / 4));
+  misfit.compare_trails(0.31, 0.4);  // no more than the width may tell wrong
+  CHECK(misfit.along_motion_px2() == doctest::Approx(0.01 + 0.0081));
+  CHECK(misfit.of_edge_px2() == 0);
   // It is the last comparison that counts.
   misfit.compare_trails(0.4, 0.4);
   CHECK(misfit.of_edge_px2() == 0);

@@ -24,8 +24,10 @@ TEST_CASE("systematic errors: before an event, they are those of the settings") 
   CHECK(errors.response_s() == 0);
   CHECK(errors.smear_px(kPxPerS) == 0);
   CHECK(errors.delay_variance_s2(kPxPerS) == doctest::Approx(1e-6));
-  CHECK(errors.edge_covariance().isZero(0));
-  CHECK(errors.edge_factor() == 1);
+  CHECK(errors.covariance_per_edge_px2().isZero(0));
+  CHECK(errors.edge_variance_px2() == 0);
+  CHECK(errors.misfit_px2() == 0);
+  CHECK(errors.event_noise() == 1);
   CHECK(errors.most_trail_px() == std::numeric_limits<double>::infinity());
   CHECK_FALSE(errors.events_fill_distance());
 }
@@ -116,10 +118,34 @@ TEST_CASE("systematic errors: those of whole edges are evaluated when the edges 
     errors.add_sample(row, 1);
   }
   errors.add_motion(1, kSpread_px2);
-  CHECK(errors.edge_covariance().isZero(0));
+  CHECK(errors.covariance_per_edge_px2().isZero(0));
   errors.add_motion(10, kSpread_px2);
-  // Ten edges that err by 0.1 px; a seventh of the events shows each element of the pose.
-  for (int i = 0; i < 6; ++i) CHECK(errors.edge_covariance()(i, i) == doctest::Approx(0.01 / 10 * 7));
+  // Ten edges that err by 0.1 px, without noise; a seventh of the events shows each element of the pose.
+  CHECK(errors.edge_variance_px2() == doctest::Approx(0.01));
+  for (int i = 0; i < 6; ++i) CHECK(errors.covariance_per_edge_px2()(i, i) == doctest::Approx(7 / 10.0));
+}
+
+TEST_CASE("systematic errors: the noise of events is what differs between the halves of a motion") {
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  const auto noise_of = [&](double shift_px) {
+    SystematicErrors errors{KalmanSettings()};
+    const double width_px = std::sqrt(kSpread_px2);
+    for (int half = 0; half < 400; ++half) {
+      for (int i = 0; i < 700; ++i) {
+        const double residual_px = width_px * normal(random) + (half % 2 == 0 ? shift_px : 0);
+        MeasurementRow row{};
+        row[static_cast<std::size_t>(i / 10 % 7)] = 1;
+        row[6 + kBiases] = residual_px;
+        errors.add(i % 10, residual_px, 1);
+        errors.add_sample(row, 1);
+      }
+      errors.add_motion(half % 2 == 0 ? 5 * width_px : 4 * width_px, kSpread_px2);
+    }
+    return errors.event_noise();
+  };
+  CHECK(noise_of(0) == doctest::Approx(1).epsilon(0.2));
+  CHECK(noise_of(0.5) > 5);
 }
 
 TEST_CASE("systematic errors: a spread that stays is blur, unless it is the start pose's, or noise") {

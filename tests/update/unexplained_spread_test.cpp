@@ -33,7 +33,7 @@ TEST_CASE("unexplained spread: none of a sharp edge, or of what the response tim
   spread.measure(matched_px2(0.7, 2), 2, 0);
   CHECK(spread.px2() == 0);
   CHECK_FALSE(spread.fills_distance());
-  spread.measure(matched_px2(1.4, 4), 4, 0, matched_px2(1.4, 4));  // blur
+  spread.measure(matched_px2(1.4, 4), 4, 0, 2);  // blur
   CHECK(spread.px2() == 0);
   spread.measure(matched_px2(1.6, 4), 4, 1.6);
   CHECK(spread.px2() == 0);

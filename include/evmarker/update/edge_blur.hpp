@@ -28,8 +28,6 @@ class EdgeBlur {
 
   /// By how much wider than those of a focused sensor the edges are; at least 1, and 1 at first.
   double factor() const noexcept { return factor_; }
-  /// Variance of events about such edges [px^2].
-  double variance_px2() const noexcept { return factor_ * factor_ * (kSharp_px * kSharp_px); }
 
  private:
   static constexpr int kFirstWindow = 1, kLongestWindow = 32;  // variances

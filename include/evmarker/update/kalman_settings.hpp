@@ -8,7 +8,8 @@ namespace evmarker {
 /// Settings of `KalmanUpdate`: the noise of the motion and of the events.
 struct KalmanSettings {
   /// Factor on the measured spread of the events about their edges, for the noise of a single event: the events that an
-  /// edge makes at one pixel err together, so that each is worth less.
+  /// edge makes at one pixel err together, so that each is worth less. The reported covariance has the noise that is
+  /// measured in its place, see EdgeScatter::event_noise.
   double inflation = 1.8;
   /// Residuals beyond this count less and less (Cauchy weights); on a blurred sensor in proportion more, see EdgeBlur.
   double robust_px = 1;
@@ -31,10 +32,6 @@ struct KalmanSettings {
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.
   double latency_sigma_s = 1e-4;
-  /// Factor from the filter's own covariance to the reported one. The noise above is larger than the average noise, so
-  /// that sudden turns and wrong events do no harm; the errors of the poses are smaller than it suggests. Errors that
-  /// all events of an edge share are added, see EdgeScatter.
-  double covariance_scale = 0.08;
   // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail, OFF delay.
   double initial_sigma_t_m = 0.01;
   double initial_sigma_r_rad = 0.1;
@@ -59,7 +56,6 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.offset_drift_px, "offset_drift_px");
   require.not_negative(settings.latency_s, "latency_s");
   require.positive(settings.latency_sigma_s, "latency_sigma_s");
-  require.positive(settings.covariance_scale, "covariance_scale");
   require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
   require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
   require.positive(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");

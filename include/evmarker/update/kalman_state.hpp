@@ -77,6 +77,9 @@ struct KalmanState {
     return of_translation + lever2 * of_rotation;
   }
 
+  /// Variance of the translation, a sum over its axes [m^2].
+  double translation_variance() const noexcept { return P.xx(0, 0) + P.xx(1, 1) + P.xx(2, 2); }
+
   /// Predicts twist and covariance over a step; the caller moves the pose.
   /// @param faded the twist after the step
   /// @param q density of the white acceleration along each axis

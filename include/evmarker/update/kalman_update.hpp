@@ -37,6 +37,7 @@ class KalmanUpdate {
     set_events_per_update(events_per_update);
     validate(settings);
     for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = initial_variance(i);
+    corrected_translation_m2_ = state_.translation_variance();
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
     model_.bias[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
@@ -114,6 +115,7 @@ class KalmanUpdate {
     error.set_pose(predict_state(mean_dt));
     const bool good = measurements_.correct(state_.P, error, information_per_event());
     forget_events();
+    if (count > 0) corrected_translation_m2_ = state_.translation_variance();
     if (count > 0) motion_.add_correction(twist_before, state_.twist, error.velocity(), dt, statistics_);
 
     const Vec6 twist = state_.twist + error.velocity();
@@ -200,6 +202,7 @@ class KalmanUpdate {
     forget_events();
     state_.transform(J);
     for (int i = 0; i < 6; ++i) state_.P.xx(i, i) += initial_variance(i);
+    corrected_translation_m2_ = state_.translation_variance();
     errors_.restart_motion();
     update_motion_of_model();
   }
@@ -217,15 +220,15 @@ class KalmanUpdate {
 
   /// Covariance of the pose, see PoseEstimate.
   [[gnu::noinline]] Matrix6d covariance() const noexcept {
-    Matrix6d P = covariance_by_events(errors_.delay_variance_s2(px_per_s()), errors_.edge_factor());
+    Matrix6d P = covariance_by_events(errors_.delay_variance_s2(px_per_s()), errors_.misfit_px2());
     if (squared_norm(to_other_pose_) > 0) add_other_pose(P);
     return P;
   }
   /// The covariance without the part of another pose and, by default, without those of an unknown delay and of what the
   /// model does not explain.
   /// @param delay_s2 variance of an unknown delay, which shifts the pose along its twist [s^2]
-  /// @param edge_factor see SystematicErrors
-  [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0, double edge_factor = 1) const noexcept {
+  /// @param misfit_px2 see SystematicErrors
+  [[gnu::always_inline]] Matrix6d covariance_by_events(double delay_s2 = 0, double misfit_px2 = 0) const noexcept {
     // By packs: the compiler would compute one element after the other, as P might overlap what it is computed from.
     using Column = simd::Pack<6, 128>;
     Matrix6d P;
@@ -236,11 +239,12 @@ class KalmanUpdate {
     }
     const std::array<double, 6> twist = state_.twist.array();
     const Column delayed((delay_s2 * state_.twist).array().data());
-    const double scale = settings_.covariance_scale;
+    const double scale = true_share_of_covariance(P.topLeftCorner<3, 3>().trace()),
+                 edge_px2 = errors_.edge_variance_px2() + misfit_px2;
     for (Eigen::Index k = 0; k < 6; ++k) {
       Column column(&P(0, k));
       column.scale(scale);
-      column.add(edge_factor, Column(&errors_.edge_covariance()(0, k)));
+      column.add(edge_px2, Column(&errors_.covariance_per_edge_px2()(0, k)));
       column.add(twist[static_cast<std::size_t>(k)], delayed);
       column.store(&P(0, k));
     }
@@ -337,6 +341,17 @@ class KalmanUpdate {
            (squared(settings_.inflation) * std::max(statistics_.spread_px2(), kPixelVariance));
   }
 
+  // By which the filter's covariance is multiplied. Its noises are larger than those of the events and of the motion,
+  // so that sudden turns and wrong events do no harm. In the steady state of a filter with a velocity, three quarters
+  // of the variance come from the events, whose noise has been measured, and a quarter from the motion. What has been
+  // added since events last corrected it is of the motion alone.
+  // @param translation_m2 variance of the translation
+  double true_share_of_covariance(double translation_m2) const noexcept {
+    constexpr double kByEvents = 0.75, kOfMotion = 0.08;  // of the assumed noise; MotionNoise has a factor of 20
+    const double by_events = kByEvents * std::min(1.0, corrected_translation_m2_ / translation_m2);
+    return by_events * errors_.event_noise() / squared(settings_.inflation) + (1 - by_events) * kOfMotion;
+  }
+
   void forget_events() noexcept {
     measurements_.clear();
     statistics_.clear();
@@ -431,9 +446,10 @@ class KalmanUpdate {
   // Time of the pose [us], exact to 2^53. Infinite before the first update, so that us_since_update() is 0.
   double t_us_ = kInfinity;
   MatchedBackground background_;
-  unsigned single_events_ = 0;  // added one by one
-  unsigned steps_ = 0;          // of the pose
-  Vec6 to_other_pose_;          // see set_other_pose
+  unsigned single_events_ = 0;           // added one by one
+  unsigned steps_ = 0;                   // of the pose
+  Vec6 to_other_pose_;                   // see set_other_pose
+  double corrected_translation_m2_ = 0;  // its variance, when the state was last corrected, or set
 };
 
 static_assert(BatchUpdateRule<KalmanUpdate> && NoiseAwareRule<KalmanUpdate> && MotionBoundingRule<KalmanUpdate> &&

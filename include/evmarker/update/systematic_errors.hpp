@@ -32,7 +32,7 @@ class SystematicErrors {
   }
   /// Adds the measurement of an event. A fair sample of them is enough.
   [[gnu::always_inline]] void add_sample(const MeasurementRow& row, double weight) noexcept {
-    edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, weight);
+    edges_.add_row({row[0], row[1], row[2], row[3], row[4], row[5], row[6]}, row[6 + kBiases], weight);
   }
   /// Adds an event of a moving edge, as ResponseTime::add. A sample is enough.
   [[gnu::always_inline]] void add_moving_sample(double residual_px, double px_per_s, double polarity) noexcept {
@@ -45,11 +45,12 @@ class SystematicErrors {
   /// Adds a motion of the edges [px], and evaluates the residuals when they have moved by a few times their width.
   /// @param spread_px2 mean squared residual
   void add_motion(double px, double spread_px2) noexcept {
-    // In root mean square residuals: an edge over which events lie evenly is sqrt(12) wide, and two to three times that
-    // is enough for an evaluation.
+    // In root mean square residuals: an edge over which events lie evenly is sqrt(12) wide, and an evaluation takes a
+    // little more than that twice.
     constexpr double kWidth = 3.5, kSpreads = 8;
     moved_px_ += px;
     have_moved_ |= moved_px_ > kWidth * std::sqrt(spread_px2);
+    if (!edges_.in_second_half() && moved_px_ > kSpreads / 2 * std::sqrt(spread_px2)) edges_.end_first_half();
     if (moved_px_ > kSpreads * std::sqrt(spread_px2)) evaluate(spread_px2);
   }
 
@@ -73,7 +74,7 @@ class SystematicErrors {
     // matching distance, as where the edges have been lost.
     const double of_edges_px2 = moving ? spread_px2 : without_noise_px2(spread_px2);
     if (moving || UnexplainedSpread::fills(of_edges_px2, max_distance_px_))
-      misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s), blur_.variance_px2());
+      misfit_.measure_spread(of_edges_px2, max_distance_px_, smear_px(px_per_s), blur_.factor());
     if (events_per_passage > 0) {
       const double by_width_px = trail_by_width_px(spread_px2, px_per_s, events_per_passage);
       // The trail by the width is half a contrast step, and a whole one is possible. What is not known of a delay looks
@@ -83,7 +84,6 @@ class SystematicErrors {
       // Where it is not known which side of an edge is dark, the filter takes its events to have no trail.
       misfit_.compare_trails(edges_.share_of_known_dark_sides() * trail_px, by_width_px);
     }
-    edge_factor_ = edges_.covariance_factor(misfit_.of_edge_px2());
   }
 
   /// Forgets what the residuals showed of a delay while the start pose was still off. From now on, they show blur, too.
@@ -124,10 +124,14 @@ class SystematicErrors {
   /// it is not known.
   double most_trail_px() const noexcept { return most_trail_px_; }
 
-  /// Covariance of the pose by the errors of whole edges, see EdgeScatter; to be multiplied by `edge_factor`, for what
-  /// the model does not explain.
-  const Matrix6d& edge_covariance() const noexcept { return edges_.covariance(); }
-  double edge_factor() const noexcept { return edge_factor_; }
+  /// Covariance of the pose by edges whose mean squared error is 1 px^2, see EdgeScatter.
+  const Matrix6d& covariance_per_edge_px2() const noexcept { return edges_.covariance_per_px2(); }
+  /// Mean squared error of an edge [px^2], as the residuals show it.
+  double edge_variance_px2() const noexcept { return edges_.variance_px2(); }
+  /// What the model does not explain may add to it [px^2].
+  double misfit_px2() const noexcept { return misfit_.of_edge_px2(); }
+  /// See EdgeScatter.
+  double event_noise() const noexcept { return edges_.event_noise(); }
   /// See ModelMisfit.
   bool events_fill_distance() const noexcept { return misfit_.events_fill_distance(); }
 
@@ -168,7 +172,6 @@ class SystematicErrors {
   bool have_moved_ = false;     // by their width
   bool start_is_over_ = false;
   double noise_share_ = 0;  // of the events, lately
-  double edge_factor_ = 1;
   double most_trail_px_ = std::numeric_limits<double>::infinity();
 };
 

@@ -13,13 +13,12 @@ class UnexplainedSpread {
   /// @param spread_px2 mean squared residual of matched events [px^2]
   /// @param max_distance_px the matching distance
   /// @param smear_px their standard deviation by the response time that is known [px]
-  /// @param blur_px2 the variance of matched events by blur [px^2], see EdgeBlur
-  void measure(double spread_px2, double max_distance_px, double smear_px, double blur_px2 = 0) noexcept {
+  /// @param blur by how much wider than those of a focused sensor edges are, see EdgeBlur
+  void measure(double spread_px2, double max_distance_px, double smear_px, double blur = 1) noexcept {
     constexpr double kMostFilled = 0.33;  // less than 1/3, at which all variances look alike
-    const auto filled = [&](double px2) { return std::min(px2 / (max_distance_px * max_distance_px), kMostFilled); };
-    const auto of_all = [&](double px2) { return px2 * (1 - 1.7 * filled(px2)) / (1 - 3 * filled(px2)); };
-    filled_ = filled(spread_px2);
-    px2_ = std::max(0.0, of_all(spread_px2) - std::max(kSharp_px2, of_all(blur_px2)) - smear_px * smear_px);
+    filled_ = std::min(spread_px2 / (max_distance_px * max_distance_px), kMostFilled);
+    const double of_all_px2 = spread_px2 * (1 - 1.7 * filled_) / (1 - 3 * filled_);
+    px2_ = std::max(0.0, of_all_px2 - kSharp_px2 * (blur * blur) - smear_px * smear_px);
   }
 
   /// True if events with such a spread lie nearly evenly over the matching distance: the edges could be anywhere in it.
