@@ -18,9 +18,9 @@ namespace evmarker {
 /// takes events for independent is too sure of its pose. What they do to the pose follows from the means of the
 /// residuals of each edge, as in the cluster-robust ("sandwich") covariance of a regression.
 ///
-/// What differs between an edge's means over two motions is noise, and is no part of them. It also tells how much the
-/// noise of events averages out: the events of an ideal edge lie evenly over its width, so that their mean is exact,
-/// while those of a real sensor come to the same as independent ones.
+/// What differs between an edge's means over two motions is no such error, but the noise of its events. It tells how
+/// fast that averages out: events that lie evenly over an edge's width, as in an ideal sensor, have an exact mean; on a
+/// real sensor, their mean varies like that of independent ones.
 class EdgeScatter {
  public:
   static constexpr std::size_t kStates = 7;  ///< of a row: pose and edge offset

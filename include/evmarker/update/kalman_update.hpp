@@ -115,8 +115,10 @@ class KalmanUpdate {
     error.set_pose(predict_state(mean_dt));
     const bool good = measurements_.correct(state_.P, error, information_per_event());
     forget_events();
-    if (count > 0) corrected_translation_m2_ = state_.translation_variance();
-    if (count > 0) motion_.add_correction(twist_before, state_.twist, error.velocity(), dt, statistics_);
+    if (count > 0) {
+      corrected_translation_m2_ = state_.translation_variance();
+      motion_.add_correction(twist_before, state_.twist, error.velocity(), dt, statistics_);
+    }
 
     const Vec6 twist = state_.twist + error.velocity();
     const double lever2 = statistics_.lever2();
@@ -347,7 +349,8 @@ class KalmanUpdate {
   // added since events last corrected it is of the motion alone.
   // @param translation_m2 variance of the translation
   double true_share_of_covariance(double translation_m2) const noexcept {
-    constexpr double kByEvents = 0.75, kOfMotion = 0.08;  // of the assumed noise; MotionNoise has a factor of 20
+    constexpr double kByEvents = 0.75;
+    constexpr double kOfMotion = 0.08;  // how much of the assumed noise there is on average, in simulated motions
     const double by_events = kByEvents * std::min(1.0, corrected_translation_m2_ / translation_m2);
     return by_events * errors_.event_noise() / squared(settings_.inflation) + (1 - by_events) * kOfMotion;
   }
