@@ -1780,10 +1780,16 @@ TEST_CASE("examples: where no marker is tracked, what was read tells why") {
   write_file(folder / "mirrored.csv", mirrored);
   write_file(folder / "swapped.csv", swapped);
   write_file(folder / "unordered.csv", unordered);
+  write_file(folder / "wide.yml",
+             "board: 100\nborder: 2\nmarkers: [{id: 7, length: 0.1, rotation: [0, 0, 0], translation: [0, 0, 0]}]\n");
   const std::string alone = "track_file recording.raw --camera camera.yml --marker-length ";
   for (const auto& [command, said] : std::vector<std::pair<std::string, std::string>>{
            {alone + "3:0.1", "but others were read: 7; name them in --ids"},
            {alone + "0.1 --ids 3", "but others were read: 7; name them in --ids"},
+           {alone + "0.1 --dictionary DICT_6X6_250",
+            "of another dictionary are read: 7; give --dictionary DICT_4X4_50\n"},
+           {"track_file recording.raw --camera camera.yml --board wide.yml",
+            "of another dictionary are read: 7; give --dictionary DICT_4X4_50, and a --board with border: 1\n"},
            {"track_file mirrored.csv" + kOptions, "are read in the mirrored image: 7;"},
            {"track_file swapped.csv" + kOptions, "are read with ON and OFF exchanged: 7;"},
            {"track_file unordered.csv" + kOptions, "are its events in the order of time?"}}) {
