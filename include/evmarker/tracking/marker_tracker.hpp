@@ -71,7 +71,7 @@ class MarkerTracker {
   /// otherwise. The last pose of all has state `lost`. An event whose time is suspect waits for the next one, see
   /// TimeGuard; if both lead to a pose, the later one is returned.
   template <EventLike E>
-  [[gnu::flatten]] const PoseEstimate* push(const E& event) noexcept {
+  const PoseEstimate* push(const E& event) noexcept {
     const Event own = to_event(event);
     if (!guard_.passes(own.t)) [[unlikely]]
       return push_suspect(own);
