@@ -4,6 +4,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <optional>
@@ -617,6 +618,56 @@ TEST_CASE("the covariance shrinks with events and grows with time") {
     before = now;
   }
   CHECK((before.array() > 10 * sigmas(fed.rule().covariance()).array()).all());
+}
+
+TEST_CASE("the covariance follows the noise of the events, which lie evenly over an edge's width or by chance") {
+  const auto motion = [](double t) -> Isometry3d {
+    return Eigen::Translation3d(0.02 * std::sin(9 * t), 0.02 * std::sin(7 * t), 0) * kTruth *
+           Eigen::AngleAxisd(0.1 * std::sin(5 * t), Vector3d(1, 1, 1).normalized());
+  };
+  struct Result {
+    double error_m = 0, stated_m = 0, nees = 0;  // root mean squares of the translation; its mean NEES
+  };
+  const auto measure = [&](bool evenly) {
+    Follower fed = follower(kTruth, 100);
+    ExactEvents events(75);
+    std::mt19937 random(76);
+    std::vector<double> last(kCode.segments.size());  // where the last event of an edge was [of its width]
+    constexpr double kGoldenRatio = 0.618034;         // steps of it, modulo 1, fill a width evenly
+    const auto place = [&](std::size_t segment) {
+      if (!evenly) return std::uniform_real_distribution<double>(-1, 1)(random);
+      last[segment] += kGoldenRatio;
+      last[segment] -= std::floor(last[segment]);
+      return 2 * last[segment] - 1;
+    };
+    Result result;
+    constexpr int kEvents = 200000, kSettled = kEvents / 2, kEvery = 100;
+    for (int i = 1; i <= kEvents; ++i) {
+      const Timestamp t = 10 * i;
+      const Isometry3d truth = motion(1e-6 * static_cast<double>(t));
+      const Vector2d foot = events.next(truth);
+      const Vector2d normal = ImageEdge(kCode.segments[events.segment], truth).normal;
+      fed.push(foot + place(events.segment) / kFocal * normal, t);
+      if (i <= kSettled || i % kEvery != 0) continue;
+      const Vector3d error = fed.T_camera_marker().translation() - truth.translation();
+      const Eigen::Matrix3d P = fed.rule().covariance().topLeftCorner<3, 3>();
+      constexpr double kShare = static_cast<double>(kEvery) / (kEvents - kSettled);
+      result.error_m += kShare * error.squaredNorm();
+      result.stated_m += kShare * P.trace();
+      result.nees += kShare * error.dot(P.inverse() * error) / 3;
+    }
+    result.error_m = std::sqrt(result.error_m);
+    result.stated_m = std::sqrt(result.stated_m);
+    return result;
+  };
+  const Result even = measure(true), by_chance = measure(false);
+  for (const Result& result : {even, by_chance}) {
+    MESSAGE("error " << 1e3 * result.error_m << " mm, stated " << 1e3 * result.stated_m << " mm, NEES " << result.nees);
+    CHECK(result.nees > 0.6);
+    CHECK(result.nees < 1.1);
+  }
+  CHECK(by_chance.error_m > 2 * even.error_m);
+  CHECK(by_chance.stated_m > 1.5 * even.stated_m);
 }
 
 TEST_CASE("uncertainty after a pause does not depend on how often one asked meanwhile") {
