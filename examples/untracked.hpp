@@ -74,25 +74,30 @@ inline std::string_view smallest_dictionary(std::string_view largest, evmarker::
   return largest;
 }
 
-// Tries every other dictionary, with both borders. A line on the one most of whose markers are read, in two frames at
-// least each, as among a thousand codes one may be read by chance; empty if there is none.
+// Tries every other dictionary; with a border of two cells, those that Kalibr prints. A line on the one most of whose
+// markers are read, in two frames at least each, as among a thousand codes one may be read by chance; empty if there is
+// none.
 inline std::string of_other_dictionary(const std::vector<evmarker::PolarityFrame>& frames,
                                        const evmarker::PinholeCamera& camera,
                                        const evmarker::opencv::ArucoDetectorSettings& looked_for) {
+  std::vector<evmarker::PolarityFrame> some;  // every dictionary takes its time
+  const std::size_t step = frames.size() < 6 ? 1 : 2;
+  for (std::size_t i = 0; i < frames.size(); i += step) some.push_back(frames[i]);
   std::map<evmarker::MarkerId, int> most;
   std::string_view dictionary;
   int border_cells = 1;
-  for (const std::string_view name :
-       {"DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5",
-        "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11"})
-    for (int border = 1; border <= evmarker::opencv::kMostBorderCells; ++border) {
-      std::map<evmarker::MarkerId, int> shown = read_markers(frames, camera, name, border);
-      std::erase_if(shown, [](const auto& marker) { return marker.second < 2; });
-      if (shown.size() <= most.size()) continue;
-      most = std::move(shown);
-      dictionary = name;
-      border_cells = border;
-    }
+  const auto try_one = [&](std::string_view name, int border) {
+    std::map<evmarker::MarkerId, int> shown = read_markers(some, camera, name, border);
+    std::erase_if(shown, [](const auto& marker) { return marker.second < 2; });
+    if (shown.size() <= most.size()) return;
+    most = std::move(shown);
+    dictionary = name;
+    border_cells = border;
+  };
+  for (const char* name : {"DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL"})
+    try_one(name, 1);
+  for (const char* name : {"DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11"})
+    for (const int border : {1, 2}) try_one(name, border);
   if (most.empty()) return {};
   dictionary = smallest_dictionary(dictionary, most.rbegin()->first);
   std::string text =
