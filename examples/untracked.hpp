@@ -68,8 +68,7 @@ inline std::string list_ids(const std::map<evmarker::MarkerId, int>& shown) {
 inline std::string_view smallest_dictionary(std::string_view largest, evmarker::MarkerId id) {
   const std::string_view kind = largest.substr(0, largest.find("1000"));
   for (const auto& [name, index] : evmarker::opencv::kDictionaries)
-    if (name.starts_with(kind) &&
-        id < evmarker::opencv::dictionary_size(evmarker::opencv::detail::predefined_dictionary(index)))
+    if (name.starts_with(kind) && id < evmarker::opencv::dictionary_size(evmarker::opencv::make_dictionary(name)))
       return name;
   return largest;
 }
