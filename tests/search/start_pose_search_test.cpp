@@ -60,6 +60,9 @@ TEST_CASE("a wireframe is found whatever its size, speed, sensor and noise") {
   const Eigen::Isometry3d far = facing_pose({0.1, 0, 1.78}, {0.2, 0.1, 0.2});
   check_found("30 px", {.model = square, .T = far}, 0.01, 2.5);
   check_found("30 px with a code", {.T = far}, 0.02, 2.5);
+  // Smaller, it would gain evidence by shrinking into the events of its own cells.
+  check_found("24 px with a code", {.T = facing_pose({0.1, 0, 2.2}, {0.1, 0.05, 0.2}), .speed_px_per_s = 30}, 0.02,
+              2.5);
   check_found("half of it outside of the image", {.T = facing_pose({0.36, 0, 0.6}, {0.2, 0.1, 0.2})}, 0.006, 4);
   const PinholeCamera wide({1280, 720}, 1066, 1066, 639.5, 359.5);
   check_found("530 px", {.camera = wide, .T = facing_pose({0, 0, 0.2}, {0.2, 0.1, 0.2}), .duration_s = 0.01}, 0.002, 9);

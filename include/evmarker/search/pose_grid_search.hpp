@@ -24,8 +24,8 @@ struct StartPoseReach {
 
 /// Searches for the pose with most evidence. First it scans a grid of all shifts, depths and rotations about the line
 /// of sight within reach; then it refines the best places of the grid in all six degrees of freedom, in ever smaller
-/// steps. The order of calls: `set_grid`, `start`, and `step` until `done`. The cost of a call of `step` is
-/// proportional to the number of points; no call allocates.
+/// steps, without leaving the reach. The order of calls: `set_grid`, `start`, and `step` until `done`. The cost of a
+/// call of `step` is proportional to the number of points; no call allocates.
 class PoseGridSearch {
  public:
   static constexpr double kSpacing = 4;  ///< of the points along the edges [cells]; `evidence` and `lead` assume it
@@ -190,14 +190,31 @@ class PoseGridSearch {
     return score;
   }
 
+  // The rotation from the rough pose to another one [rad, camera frame].
+  Vec3 turn_from_rough(const Eigen::Isometry3d& T) const noexcept {
+    const Eigen::Matrix3d R_rough_camera = T_rough_.linear().transpose();
+    return so3_log(product(T.linear(), R_rough_camera));
+  }
+
   // Log-density of the pose's tilt relative to the rough one, up to a constant, as a score: normal, with half of the
   // rotation's reach as sigma. Few events hardly show the tilt; the prior keeps it near the rough one.
   int tilt_prior(const Eigen::Isometry3d& T) const noexcept {
     const double sigma = std::max(reach_.rotation_rad / 2, 1e-3);
-    const Eigen::Matrix3d R_rough_camera = T_rough_.linear().transpose();
-    const Vec3 turn = so3_log(product(T.linear(), R_rough_camera));
+    const Vec3 turn = turn_from_rough(T);
     const double tilt2 = turn.x * turn.x + turn.y * turn.y;
     return static_cast<int>(-0.5 * std::min(tilt2 / (sigma * sigma), 1e3) / to_nats(1));
+  }
+
+  // True for a pose whose shift, depth and rotation about the line of sight are those of the grid, or off by half a
+  // cell at most: the evidence of a small marker grows while it shrinks into the events of its own code.
+  bool within_reach(const Eigen::Isometry3d& T) const noexcept {
+    const Vec3 rough = transform(T_rough_, points_.centre()), middle = transform(T, points_.centre());
+    const Vec2 shift = focal_length_ * (on_plane(middle) - on_plane(rough));
+    const double half_cell_px = region_.cell_px / 2, sideways_px = reach_.sideways_px + half_cell_px,
+                 share = half_cell_px / radius_px_;
+    return std::abs(shift.x) <= sideways_px && std::abs(shift.y) <= sideways_px &&
+           std::abs(middle.z / rough.z - 1) <= reach_.depth_share + share &&
+           std::abs(turn_from_rough(T).z) <= reach_.rotation_rad + share;
   }
 
   // Sets the moves to their first sizes, for the next candidate.
@@ -217,7 +234,7 @@ class PoseGridSearch {
     std::array<double, 6> step{};
     step[axis] = (trial_ % 2 == 0 ? -1 : 1) * move_sizes_[axis];
     const Eigen::Isometry3d T = moved(candidate.T, {{step[0], step[1], step[2]}, {step[3], step[4], step[5]}});
-    if (const int score = score_of(evidence, T); score > candidate.score) candidate = {T, score};
+    if (const int score = score_of(evidence, T); score > candidate.score && within_reach(T)) candidate = {T, score};
     if (++trial_ % (kRounds * kTrials) == 0)
       for (double& size : move_sizes_) size /= 2;
     if (trial_ == kHalvings * kRounds * kTrials) {

@@ -36,13 +36,20 @@ class KalmanUpdate {
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
     set_events_per_update(events_per_update);
     validate(settings);
-    for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = initial_variance(i);
-    corrected_translation_m2_ = state_.translation_variance();
+    for (int i = 6; i < 12; ++i)
+      state_.P.xx(i, i) = squared(i < 9 ? settings.initial_sigma_v_m_s : settings.initial_sigma_w_rad_s);
+    set_start_covariance(Matrix6d::Identity());
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
     model_.bias[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
   }
 
+  /// Sets how well the start pose is known, see PoseEstimate; at first to 1 m and 1 rad.
+  void set_start_covariance(const Matrix6d& start_covariance) noexcept {
+    for (int k = 0; k < 6; ++k)
+      for (int i = 0; i < 6; ++i) state_.P.xx(i, k) = 0;
+    add_start_covariance(start_covariance);
+  }
   void set_events_per_update(int events) noexcept { statistics_.set_events_per_update(events); }
 
   /// Adds the measurement of one event.
@@ -199,12 +206,11 @@ class KalmanUpdate {
   }
 
   /// Goes over to another pose, whose motions are J times those of the present one. It is trusted no more than a start
-  /// pose: the initial variances are added. Forgets the events since the last update.
-  void transform(const Matrix6d& J) noexcept {
+  /// pose, whose covariance is added. Forgets the events since the last update.
+  void transform(const Matrix6d& J, const Matrix6d& start_covariance) noexcept {
     forget_events();
     state_.transform(J);
-    for (int i = 0; i < 6; ++i) state_.P.xx(i, i) += initial_variance(i);
-    corrected_translation_m2_ = state_.translation_variance();
+    add_start_covariance(start_covariance);
     errors_.restart_motion();
     update_motion_of_model();
   }
@@ -414,11 +420,10 @@ class KalmanUpdate {
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
-  // Of element i of pose and velocity.
-  double initial_variance(int i) const noexcept {
-    const double sigmas[] = {settings_.initial_sigma_t_m, settings_.initial_sigma_r_rad, settings_.initial_sigma_v_m_s,
-                             settings_.initial_sigma_w_rad_s};
-    return squared(sigmas[i / 3]);
+  void add_start_covariance(const Matrix6d& start_covariance) noexcept {
+    for (int k = 0; k < 6; ++k)
+      for (int i = 0; i < 6; ++i) state_.P.xx(i, k) += start_covariance(i, k);
+    corrected_translation_m2_ = state_.translation_variance();
   }
 
   std::array<double, kBiases> initial_bias_variances() const noexcept {
