@@ -19,7 +19,7 @@ Eigen::Vector2d image(const Eigen::Isometry3d& T, const Eigen::Vector3d& vertex)
   return kFocal * (T * vertex).hnormalized();
 }
 
-// Root mean square change of the vertices' images, along x and along y [px], over poses drawn with the covariance.
+// Root mean square change of the vertices' images [px] over poses drawn with the covariance.
 double drawn_px(const MarkerModel& model, const Eigen::Isometry3d& T, const Matrix6d& covariance) {
   const Matrix6d root = covariance.llt().matrixL();
   std::mt19937 random(5);
@@ -33,7 +33,7 @@ double drawn_px(const MarkerModel& model, const Eigen::Isometry3d& T, const Matr
     perturb(moved, kStep * root * Vector6d::NullaryExpr([&] { return normal(random); }));
     for (const Eigen::Vector3d& vertex : model.vertices) {
       squares += (image(moved, vertex) - image(T, vertex)).squaredNorm() / (kStep * kStep);
-      count += 2;
+      ++count;
     }
   }
   return std::sqrt(squares / count);
@@ -61,8 +61,9 @@ TEST_CASE("a small marker's depth is known badly, its tilt not at all: to 0.1 ra
   const Eigen::Isometry3d near = facing_pose({0, 0, 0.25}), far = facing_pose({0, 0, 2.5});  // 213 and 21 px
   const Matrix6d P_near = start_covariance(marker, kFocal, near, 2), P_far = start_covariance(marker, kFocal, far, 2);
   CHECK(drawn_px(marker, far, P_far) < 2);
-  // Corners 10.66 px from the centre along each axis: 2 px on each of 8 coordinates, and 6 unknowns.
-  const double share = 2 / 10.66 * std::sqrt(8.0 / 6 / 8);
+  // Corners 10.66 px from the centre along each axis, 2 px off: 6 unknowns share the 4 times 2 px, squared, evenly, and
+  // a change of the depth moves all 8 coordinates.
+  const double share = 2 / 10.66 * std::sqrt(4.0 / 6 / 8);
   CHECK(std::sqrt(P_far(2, 2)) == doctest::Approx(2.5 * share).epsilon(0.02));
   CHECK(std::sqrt(P_near(2, 2)) < 0.0025);
   CHECK(std::sqrt(P_far(3, 3)) == doctest::Approx(0.1).epsilon(0.02));

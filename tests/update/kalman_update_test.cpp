@@ -166,7 +166,7 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
       c.dark_side_known = dark_side_known;
       c.polarity = polarity;
       KalmanUpdate rule(settings, 1);
-      rule.set_start_covariance(P0);
+      rule.set_start(T, P0);
       CHECK((rule.covariance().inverse() * P0 - Matrix6d::Identity()).norm() < 1e-12);
       rule.add(c, T);
       Isometry3d moved = T;
@@ -205,7 +205,7 @@ TEST_CASE("many events, taken one by one or all at once: the textbook's gain of 
     SegmentMatcher matcher(kCode, kFocal);
     REQUIRE(matcher.project(T));
     KalmanUpdate rule(settings, n);
-    rule.set_start_covariance(P0.topLeftCorner<6, 6>());
+    rule.set_start(T, P0.topLeftCorner<6, 6>());
     Eigen::MatrixXd J(n, 8);
     Eigen::VectorXd d(n), weight(n);
     double spread2 = 1;

@@ -12,7 +12,7 @@
 
 namespace evmarker {
 
-/// Covariance of a pose at which the images of the vertices are `sigma_px` off, root mean square along x and along y.
+/// Covariance of a pose at which the images of the vertices are `sigma_px` off, root mean square of x and y together.
 /// Rotations are known to 0.1 rad, also where the vertices hardly tell them, as the tilt of a small flat marker that
 /// faces the camera.
 /// @param focal_length [px]
@@ -22,7 +22,7 @@ inline Matrix6d start_covariance(const MarkerModel& model, double focal_length,
   constexpr double kRotation_rad = 0.1;
   // With the covariance s^2 (sum of J^T J)^-1, the variances of N vertices' images sum up to 6 s^2: one s^2 for each
   // degree of freedom.
-  const double per_row = 3 / (static_cast<double>(model.vertices.size()) * sigma_px * sigma_px);
+  const double per_row = 6 / (static_cast<double>(model.vertices.size()) * sigma_px * sigma_px);
   std::array<std::array<double, 6>, 6> information{};
   for (const Eigen::Vector3d& vertex : model.vertices) {
     const Vec3 lever = rotate(T_camera_marker, vertex), P = translation(T_camera_marker) + lever;

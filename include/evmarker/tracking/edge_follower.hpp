@@ -57,7 +57,7 @@ class EdgeFollower {
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     set_events_per_update(interval_.events());
-    if constexpr (MotionEstimatingRule<Rule>) rule_.set_start_covariance(start_covariance(T_camera_marker));
+    if constexpr (MotionEstimatingRule<Rule>) rule_.set_start(T_camera_marker, start_covariance(T_camera_marker));
     adapt_to_edge_length();
   }
 

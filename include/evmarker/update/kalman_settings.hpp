@@ -32,8 +32,8 @@ struct KalmanSettings {
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.
   double latency_sigma_s = 1e-4;
-  // Standard deviations at the start: velocity, angular velocity, edge offset, trail, OFF delay. That of the pose is
-  // not set here, see `start_covariance`.
+  // Standard deviations at the start: velocity of the marker, angular velocity of marker and camera, edge offset,
+  // trail, OFF delay. That of the pose follows from the image, see `start_covariance`.
   double initial_sigma_v_m_s = 0.5;
   double initial_sigma_w_rad_s = 3;
   double initial_sigma_offset_px = 0.3;

@@ -53,8 +53,8 @@ concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule, const R& constan
 template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
     requires(R& rule, const R& constant, const Matrix6d& covariance, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
-  /// Sets how well the start pose is known.
-  { rule.set_start_covariance(covariance) } noexcept;
+  /// Sets where it starts, and how well that pose is known.
+  { rule.set_start(T_camera_marker, covariance) } noexcept;
   /// Moves the pose on to a later time without events; forgets what was collected.
   { rule.extrapolate(T_camera_marker, t) } noexcept;
   { constant.covariance() } -> std::same_as<Matrix6d>;
