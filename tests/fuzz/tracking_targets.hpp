@@ -124,8 +124,8 @@ MarkerTrackerSettings<Rule> read_settings(Numbers& numbers) {
   if (numbers.byte() % 64 != 1) settings.start_search.reset();
   const double factor = numbers.around_one(1000);
   if constexpr (std::is_same_v<Rule, KalmanUpdate>) {
-    const std::size_t field = numbers.index(14);
-    std::array<double*, 13> fields{&settings.update.inflation,
+    const std::size_t field = numbers.index(16);
+    std::array<double*, 15> fields{&settings.update.inflation,
                                    &settings.update.robust_px,
                                    &settings.update.acceleration_noise,
                                    &settings.update.turning_distance_m,
@@ -134,6 +134,8 @@ MarkerTrackerSettings<Rule> read_settings(Numbers& numbers) {
                                    &settings.update.confirmed_velocity_memory_s,
                                    &settings.update.offset_drift_px,
                                    &settings.update.latency_sigma_s,
+                                   &settings.update.initial_sigma_t_m,
+                                   &settings.update.initial_sigma_r_rad,
                                    &settings.update.initial_sigma_v_m_s,
                                    &settings.update.initial_sigma_w_rad_s,
                                    &settings.update.initial_sigma_offset_px,

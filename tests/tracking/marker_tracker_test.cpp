@@ -93,22 +93,6 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   }
 }
 
-TEST_CASE("a marker 24 px wide is followed from its start on, at its distance, and the covariance says how well") {
-  const auto motion = [](double t) {
-    const double turn = 2 * std::numbers::pi * t;
-    return facing_pose({0.05 * std::sin(2 * turn), 0.01, 2.2}, {0.1 * t, 0.05 * std::sin(2 * turn), 0});
-  };
-  for (const unsigned seed : {1u, 2u, 3u}) {
-    CAPTURE(seed);
-    const AccuracyMeter meter = accuracy_of(code_tracker(motion(0)), simulated::near_events(motion, 0.5, seed), motion);
-    MESSAGE(meter.tracking() << " poses, " << meter.translation_mm().mean << " mm, NEES " << meter.nees().mean);
-    REQUIRE(meter.tracking() > 150);
-    CHECK(meter.wild() == 0);
-    CHECK(meter.translation_mm().mean < 12);
-    CHECK(meter.nees().mean < 2.5);
-  }
-}
-
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));

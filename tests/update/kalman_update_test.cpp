@@ -110,9 +110,6 @@ Correspondence matched(const Isometry3d& T, double off_px = 0.5) {
   return c;
 }
 
-// Of a start pose: 1 cm, 0.1 rad.
-const Vector6d kStartSigma = step(Vector3d::Constant(0.01), Vector3d::Constant(0.1));
-
 // Just after an update, and as long as no noise has been measured, the reported covariance is the filter's own: three
 // quarters of it, divided by the square of the inflation, and 0.08 of the rest.
 const KalmanSettings kReportsItsOwnCovariance{.inflation = std::sqrt(0.75 / (1 - 0.25 * 0.08)),
@@ -127,7 +124,9 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
     return Vector3d(scale * Vector3d(unit(random), unit(random), unit(random)));
   };
   const KalmanSettings settings = kReportsItsOwnCovariance;
-  const Matrix6d P0 = kStartSigma.cwiseAbs2().asDiagonal();
+  const Vector6d sigma0 =
+      step(Vector3d::Constant(settings.initial_sigma_t_m), Vector3d::Constant(settings.initial_sigma_r_rad));
+  const Matrix6d P0 = sigma0.cwiseAbs2().asDiagonal();
   ExactEvents events(32);
   int tested = 0, dark_above = 0, at_corner = 0;
   for (int i = 0; i < 300; ++i) {
@@ -166,7 +165,6 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
       c.dark_side_known = dark_side_known;
       c.polarity = polarity;
       KalmanUpdate rule(settings, 1);
-      rule.set_start(T, P0);
       CHECK((rule.covariance().inverse() * P0 - Matrix6d::Identity()).norm() < 1e-12);
       rule.add(c, T);
       Isometry3d moved = T;
@@ -179,8 +177,8 @@ TEST_CASE("one event: the textbook's gain with numerical derivatives of the sign
       const Matrix6d P = P0 - P0 * J * J.transpose() * P0 / S;
       CHECK((rule.covariance().inverse() * P - Matrix6d::Identity()).norm() < 10 * tolerance);
       const Vector6d expected = P0 * J * off_px / S;
-      CHECK((error_of(T, moved) - expected).cwiseQuotient(kStartSigma).norm() <=
-            tolerance * expected.cwiseQuotient(kStartSigma).norm() + 1e-9);
+      CHECK((error_of(T, moved) - expected).cwiseQuotient(sigma0).norm() <=
+            tolerance * expected.cwiseQuotient(sigma0).norm() + 1e-9);
       CHECK(rule.edge_offset_px() == doctest::Approx(std::max(0.0, offset2 * off_px / S)).epsilon(tolerance));
       CHECK(rule.trail_px() == doctest::Approx(std::max(0.0, trailing * trail2 * off_px / S)).epsilon(tolerance));
       if (off_px != 0)  // toward the event
@@ -197,7 +195,8 @@ TEST_CASE("many events, taken one by one or all at once: the textbook's gain of 
   const KalmanSettings settings = kReportsItsOwnCovariance;
   const Isometry3d T = facing_pose({0.05, -0.02, 0.6}, {0.2, -0.3, 0.1});
   Eigen::Matrix<double, 8, 8> P0 = Eigen::Matrix<double, 8, 8>::Zero();
-  P0.diagonal() << kStartSigma.cwiseAbs2(), std::pow(settings.initial_sigma_offset_px, 2),
+  P0.diagonal() << Vector3d::Constant(std::pow(settings.initial_sigma_t_m, 2)),
+      Vector3d::Constant(std::pow(settings.initial_sigma_r_rad, 2)), std::pow(settings.initial_sigma_offset_px, 2),
       std::pow(settings.initial_sigma_trail_px, 2);
   for (const int n : {1, 2, 5, 10, 11, 12, 60}) {
     CAPTURE(n);
@@ -205,7 +204,6 @@ TEST_CASE("many events, taken one by one or all at once: the textbook's gain of 
     SegmentMatcher matcher(kCode, kFocal);
     REQUIRE(matcher.project(T));
     KalmanUpdate rule(settings, n);
-    rule.set_start(T, P0.topLeftCorner<6, 6>());
     Eigen::MatrixXd J(n, 8);
     Eigen::VectorXd d(n), weight(n);
     double spread2 = 1;
@@ -970,13 +968,15 @@ TEST_CASE("impossible settings of the Kalman update are refused with field and v
       {"rotation_share", &KalmanSettings::rotation_share},
       {"latency_s", &KalmanSettings::latency_s},
       {"latency_sigma_s", &KalmanSettings::latency_sigma_s},
+      {"initial_sigma_t_m", &KalmanSettings::initial_sigma_t_m},
+      {"initial_sigma_r_rad", &KalmanSettings::initial_sigma_r_rad},
       {"initial_sigma_v_m_s", &KalmanSettings::initial_sigma_v_m_s},
       {"initial_sigma_w_rad_s", &KalmanSettings::initial_sigma_w_rad_s},
       {"initial_sigma_offset_px", &KalmanSettings::initial_sigma_offset_px},
       {"initial_sigma_trail_px", &KalmanSettings::initial_sigma_trail_px},
       {"initial_sigma_off_delay_s", &KalmanSettings::initial_sigma_off_delay_s},
       {"initial_trail_px", &KalmanSettings::initial_trail_px}};
-  static_assert(sizeof(KalmanSettings) == 16 * sizeof(double));  // none is left out
+  static_assert(sizeof(KalmanSettings) == 18 * sizeof(double));  // none is left out
   for (const auto& [name, field] : fields)
     for (const auto& [value, text] : {std::pair{-2.0, "-2"},
                                       {std::numeric_limits<double>::quiet_NaN(), "nan"},

@@ -37,13 +37,6 @@ class Cholesky {
     return b;
   }
 
-  /// Column k of the inverse of A.
-  Vector column_of_inverse(std::size_t k) const noexcept {
-    Vector unit{};
-    unit[k] = 1;
-    return solve(unit);
-  }
-
  private:
   Matrix L_{};  // lower triangle
 };

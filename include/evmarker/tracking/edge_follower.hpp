@@ -15,7 +15,6 @@
 #include "evmarker/matching/model_matcher.hpp"
 #include "evmarker/model/planar_ambiguity.hpp"
 #include "evmarker/model/pose_perturbation.hpp"
-#include "evmarker/model/start_covariance.hpp"
 #include "evmarker/tracking/background_share.hpp"
 #include "evmarker/tracking/choice_lifetime.hpp"
 #include "evmarker/tracking/edge_follower_settings.hpp"
@@ -57,7 +56,6 @@ class EdgeFollower {
     if (!matcher_.project(T_camera_marker_))
       throw std::invalid_argument("T_camera_marker does not put the marker in front of the camera");
     set_events_per_update(interval_.events());
-    if constexpr (MotionEstimatingRule<Rule>) rule_.set_start(T_camera_marker, start_covariance(T_camera_marker));
     adapt_to_edge_length();
   }
 
@@ -144,9 +142,8 @@ class EdgeFollower {
 
   /// Goes over to the mirrored pose and motion, at which a flat wireframe looks nearly the same.
   void mirror(const ModelPlane& plane) noexcept requires MirrorableRule<Rule> {
-    const Eigen::Isometry3d T = mirrored(T_camera_marker_, plane);
-    rule_.transform(mirrored_motion(T_camera_marker_, plane), start_covariance(T));
-    start_from(T);
+    rule_.transform(mirrored_motion(T_camera_marker_, plane));
+    start_from(mirrored(T_camera_marker_, plane));
   }
   /// True once the pose follows the marker's motion since the start or since it was mirrored, where the rule can tell.
   bool follows_motion() const noexcept {
@@ -228,11 +225,6 @@ class EdgeFollower {
   void bound_motion(double length_px) noexcept {
     if constexpr (MotionBoundingRule<Rule>)
       if (events_per_passage_ > 0) rule_.bound_motion_by_events(events_per_passage_ * length_px, events_per_passage_);
-  }
-
-  // A start pose has its edges within the matching distance of their events: from farther off, it is not found.
-  Matrix6d start_covariance(const Eigen::Isometry3d& T_start) const noexcept {
-    return evmarker::start_covariance(matcher_.model(), matcher_.focal_length(), T_start, max_distance_px_);
   }
 
   double length_px() const noexcept { return edge_length_.px(T_camera_marker_); }

@@ -134,7 +134,9 @@ class EdgeScatter {
     const Cholesky<kStates> factors(information);
     Matrix6d covariance;
     for (std::size_t k = 0; k < 6; ++k) {
-      const Row column = factors.column_of_inverse(k);
+      Row unit{};
+      unit[k] = 1;
+      const Row column = factors.solve(unit);  // of the inverse
       if (!std::isfinite(column[k])) return;
       for (std::size_t i = 0; i < 6; ++i) covariance.data()[6 * k + i] = by_count * column[i];
     }

@@ -32,8 +32,9 @@ struct KalmanSettings {
   /// Standard deviation of the camera's delay that no event tells [s]: it shifts the pose along its motion. Used in the
   /// reported covariance only, beside the response time that is measured, see ResponseTime.
   double latency_sigma_s = 1e-4;
-  // Standard deviations at the start: velocity of the marker, angular velocity of marker and camera, edge offset,
-  // trail, OFF delay. That of the pose follows from the image, see `start_covariance`.
+  // Standard deviations at the start: translation, rotation, velocity, angular velocity, edge offset, trail, OFF delay.
+  double initial_sigma_t_m = 0.01;
+  double initial_sigma_r_rad = 0.1;
   double initial_sigma_v_m_s = 0.5;
   double initial_sigma_w_rad_s = 3;
   double initial_sigma_offset_px = 0.3;
@@ -55,6 +56,8 @@ inline void validate(const KalmanSettings& settings) {
   require.positive(settings.offset_drift_px, "offset_drift_px");
   require.not_negative(settings.latency_s, "latency_s");
   require.positive(settings.latency_sigma_s, "latency_sigma_s");
+  require.positive(settings.initial_sigma_t_m, "initial_sigma_t_m");
+  require.positive(settings.initial_sigma_r_rad, "initial_sigma_r_rad");
   require.positive(settings.initial_sigma_v_m_s, "initial_sigma_v_m_s");
   require.positive(settings.initial_sigma_w_rad_s, "initial_sigma_w_rad_s");
   require.positive(settings.initial_sigma_offset_px, "initial_sigma_offset_px");

@@ -36,25 +36,13 @@ class KalmanUpdate {
     Require("kalman update")(events_per_update >= 1, "events_per_update", events_per_update);
     set_events_per_update(events_per_update);
     validate(settings);
-    set_start(Eigen::Isometry3d::Identity(), Matrix6d::Identity());
+    for (int i = 0; i < 12; ++i) state_.P.xx(i, i) = initial_variance(i);
+    corrected_translation_m2_ = state_.translation_variance();
     for (std::size_t b = 0; b < kBiases; ++b) state_.P.bb[b][b] = initial_bias_variances()[b];
     model_.bias[kTrail] = settings.initial_trail_px;
     model_.robust_px = settings.robust_px;
   }
 
-  /// Sets where it starts and how well that pose is known, see PoseEstimate; at first to 1 m and 1 rad.
-  void set_start(const Eigen::Isometry3d& T_camera_marker, const Matrix6d& covariance) noexcept {
-    state_.P.xx.setZero();
-    add_to_pose(covariance);
-    // A camera that turns moves the marker, too: across the line of sight, by its angular velocity times the distance.
-    const double v2 = squared(settings_.initial_sigma_v_m_s), w2 = squared(settings_.initial_sigma_w_rad_s);
-    const Eigen::Vector3d T = T_camera_marker.translation();
-    for (int i = 0; i < 3; ++i) {
-      for (int k = 0; k < 3; ++k)
-        state_.P.xx(6 + i, 6 + k) = (i == k ? v2 + w2 * T.squaredNorm() : 0) - w2 * T(i) * T(k);
-      state_.P.xx(9 + i, 9 + i) = w2;
-    }
-  }
   void set_events_per_update(int events) noexcept { statistics_.set_events_per_update(events); }
 
   /// Adds the measurement of one event.
@@ -211,11 +199,12 @@ class KalmanUpdate {
   }
 
   /// Goes over to another pose, whose motions are J times those of the present one. It is trusted no more than a start
-  /// pose, whose covariance is added. Forgets the events since the last update.
-  void transform(const Matrix6d& J, const Matrix6d& start_covariance) noexcept {
+  /// pose: the initial variances are added. Forgets the events since the last update.
+  void transform(const Matrix6d& J) noexcept {
     forget_events();
     state_.transform(J);
-    add_to_pose(start_covariance);
+    for (int i = 0; i < 6; ++i) state_.P.xx(i, i) += initial_variance(i);
+    corrected_translation_m2_ = state_.translation_variance();
     errors_.restart_motion();
     update_motion_of_model();
   }
@@ -425,10 +414,11 @@ class KalmanUpdate {
 
   double us_since_update(Timestamp t) const noexcept { return std::max(0.0, static_cast<double>(t) - t_us_); }
 
-  void add_to_pose(const Matrix6d& covariance) noexcept {
-    for (int k = 0; k < 6; ++k)
-      for (int i = 0; i < 6; ++i) state_.P.xx(i, k) += covariance(i, k);
-    corrected_translation_m2_ = state_.translation_variance();
+  // Of element i of pose and velocity.
+  double initial_variance(int i) const noexcept {
+    const double sigmas[] = {settings_.initial_sigma_t_m, settings_.initial_sigma_r_rad, settings_.initial_sigma_v_m_s,
+                             settings_.initial_sigma_w_rad_s};
+    return squared(sigmas[i / 3]);
   }
 
   std::array<double, kBiases> initial_bias_variances() const noexcept {

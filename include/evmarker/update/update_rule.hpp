@@ -52,9 +52,7 @@ concept NoiseAwareRule = PoseUpdateRule<R> && requires(R& rule, const R& constan
 /// A rule that estimates the motion and the covariance, too.
 template <typename R>
 concept MotionEstimatingRule = PoseUpdateRule<R> &&
-    requires(R& rule, const R& constant, const Matrix6d& covariance, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
-  /// Sets where it starts, and how well that pose is known.
-  { rule.set_start(T_camera_marker, covariance) } noexcept;
+    requires(R& rule, const R& constant, Eigen::Isometry3d& T_camera_marker, Timestamp t) {
   /// Moves the pose on to a later time without events; forgets what was collected.
   { rule.extrapolate(T_camera_marker, t) } noexcept;
   { constant.covariance() } -> std::same_as<Matrix6d>;
@@ -107,14 +105,13 @@ concept TrailTakingRule = PoseUpdateRule<R> && requires(R& rule, double events_p
 /// A rule that can go over to the other pose at which a flat wireframe looks alike.
 template <typename R>
 concept MirrorableRule = MotionEstimatingRule<R> &&
-    requires(R& rule, const R& constant, const Matrix6d& J, const Matrix6d& start_covariance, const Vec6& deviation) {
+    requires(R& rule, const R& constant, const Matrix6d& J, const Vec6& deviation) {
   /// Covariance of the pose without what an unknown delay, errors of the model or another pose add.
   { constant.covariance_by_events() } -> std::same_as<Matrix6d>;
   /// True once the velocity is known, since the start or `transform`: the pose then does not lag behind the marker.
   { constant.follows_motion() } -> std::same_as<bool>;
-  /// Goes over to another pose, whose motions are J times those of the present one, and which is known as well as a
-  /// start pose.
-  { rule.transform(J, start_covariance) } noexcept;
+  /// Goes over to another pose, whose motions are J times those of the present one, and which is nearly right.
+  { rule.transform(J) } noexcept;
   /// Says that another pose may be right: `deviation` is the perturbation to it, times the square root of its
   /// probability. Its covariance says so, too.
   { rule.set_other_pose(deviation) } noexcept;
