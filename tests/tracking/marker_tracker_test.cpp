@@ -93,6 +93,22 @@ TEST_CASE("the outline alone is tracked too, only less well") {
   }
 }
 
+TEST_CASE("a marker 30 px wide is followed from its start on, and not at twice its distance") {
+  const auto motion = [](double t) {
+    const double turn = 2 * std::numbers::pi * t;
+    return facing_pose({0.05 * std::sin(2 * turn), 0.01, 1.8}, {0.4 * t, 0.05 * std::sin(2 * turn), 0});
+  };
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    CAPTURE(seed);
+    const AccuracyMeter meter = accuracy_of(code_tracker(motion(0)), simulated::near_events(motion, 0.5, seed), motion);
+    MESSAGE(meter.tracking() << " poses, off by " << meter.translation_mm().mean << " mm, at most "
+                             << meter.translation_mm().max);
+    REQUIRE(meter.tracking() > 200);
+    CHECK(meter.lost() == 0);
+    CHECK(meter.translation_mm().max < 180);  // a tenth of the distance
+  }
+}
+
 TEST_CASE("the first events are converging, then tracking, and poses carry id, time and quality") {
   const Trajectory motion = simulated::near_motion(43);
   const auto events = simulated::filtered(simulated::near_events(motion, 0.15, 43));
