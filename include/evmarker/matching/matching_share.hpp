@@ -8,23 +8,45 @@
 namespace evmarker {
 
 /// Measures, with quasi-random points, which share of the area near the edges is matched: the share of the background
-/// events near a wireframe that match its edges by chance; ambiguous ones count as not matched. Nothing where no point
-/// is near.
-inline std::optional<double> matching_share(const ModelMatcher& matcher) noexcept {
-  constexpr int kPoints = 512;
-  constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
-  const Box box = matcher.reach();
-  int matching = 0, not_far = 0;
-  Correspondence correspondence;
-  for (int i = 1; i <= kPoints; ++i) {
-    const double x = i * kStep_x - std::floor(i * kStep_x), y = i * kStep_y - std::floor(i * kStep_y);
-    const MatchResult match =
-        matcher.match({box.low.x + x * box.width(), box.low.y + y * box.height()}, correspondence);
-    matching += match == MatchResult::matched;
-    not_far += match != MatchResult::far;
+/// events near a wireframe that match its edges by chance; ambiguous ones count as not matched. The points are counted
+/// a few at a time, so that no event has to wait for all of them.
+class MatchingShare {
+ public:
+  /// Begins anew, with enough points for a first estimate: of 0.4, it has a standard deviation of 0.02.
+  void restart(const ModelMatcher& matcher) noexcept {
+    matching_ = not_far_ = points_ = 0;
+    add(matcher, kFirst);
   }
-  if (not_far == 0) return std::nullopt;
-  return static_cast<double>(matching) / not_far;
-}
+
+  /// Counts more points, until there are so many that the standard deviation is 0.005.
+  void refine(const ModelMatcher& matcher) noexcept { add(matcher, kMore); }
+  bool is_refined() const noexcept { return points_ >= kMost; }
+
+  /// The share; nothing if no point was near.
+  std::optional<double> share() const noexcept {
+    if (not_far_ == 0) return std::nullopt;
+    return static_cast<double>(matching_) / not_far_;
+  }
+
+ private:
+  static constexpr int kFirst = 512, kMore = 32, kMost = 8192;
+
+  void add(const ModelMatcher& matcher, int points) noexcept {
+    constexpr double kStep_x = 0.7548776662466927, kStep_y = 0.5698402909980532;  // of the R2 sequence
+    const Box box = matcher.reach();
+    Correspondence correspondence;
+    for (const int end = points_ + points; points_ < end;) {
+      ++points_;
+      const double x = points_ * kStep_x - std::floor(points_ * kStep_x),
+                   y = points_ * kStep_y - std::floor(points_ * kStep_y);
+      const MatchResult match =
+          matcher.match({box.low.x + x * box.width(), box.low.y + y * box.height()}, correspondence);
+      matching_ += match == MatchResult::matched;
+      not_far_ += match != MatchResult::far;
+    }
+  }
+
+  int matching_ = 0, not_far_ = 0, points_ = 0;
+};
 
 }  // namespace evmarker

@@ -111,7 +111,7 @@ class BackgroundShare {
   static constexpr int kTogether = 64;        // matched events for which the background is measured anew
   static constexpr double kKept = 15.0 / 16;  // of the sums, at each time
   static constexpr double kLeast = 0.05;      // least share of the background that is taken to match no edge
-  static constexpr double kSurely = 2.5;      // standard deviations
+  static constexpr double kSurely = 3;        // standard deviations
 
   double matching_to_others_ = 0.5;  // of the background: events that match edges per event that does not
   int matched_ = 0, others_ = 0;     // events since the last `measure`

@@ -215,7 +215,8 @@ class EdgeFollower {
     if (interval_.adapt(length_px, events_per_passage_)) set_events_per_update(interval_.events());
     if constexpr (NoiseAwareRule<Rule>)
       if (std::abs(length_px - measured_length_px_) > length_px / 8) {
-        if (const auto share = matching_share(matcher_)) background_.expect_matching(*share);
+        matching_share_.restart(matcher_);
+        expect_matching();
         measured_length_px_ = length_px;
       }
     choice_lifetime_.begin(length_px, interval_.events());
@@ -363,8 +364,16 @@ class EdgeFollower {
   void measure_background(Timestamp t) noexcept {
     if constexpr (NoiseAwareRule<Rule>) {
       background_.add(matched_, offered_ - matched_, t);
-      if (background_.due()) rule_.set_background(background_.measure(t, rule_.moving_share()));
+      if (!background_.due()) return;
+      rule_.set_background(background_.measure(t, rule_.moving_share()));
+      if (matching_share_.is_refined()) return;
+      matching_share_.refine(matcher_);
+      expect_matching();
     }
+  }
+
+  void expect_matching() noexcept {
+    if (const auto share = matching_share_.share()) background_.expect_matching(*share);
   }
 
   double contrast(int segment) const noexcept { return contrasts_[static_cast<std::size_t>(segment)]; }
@@ -395,7 +404,8 @@ class EdgeFollower {
   UpdateStatistics last_update_;
   BackgroundShare background_;
   bool may_rest_ = false;
-  double measured_length_px_ = 0;  // of the edges when the matching share was measured
+  MatchingShare matching_share_;
+  double measured_length_px_ = 0;  // of the edges when the matching share began to be measured
   bool adds_in_batches_ = false;
   ChoiceLifetime choice_lifetime_;
   std::vector<std::uint32_t> middle_events_;  // by segment
