@@ -12,14 +12,15 @@ namespace evmarker {
 /// a few at a time, so that no event has to wait for all of them.
 class MatchingShare {
  public:
-  /// Begins anew, with enough points for a first estimate: of 0.4, it has a standard deviation of 0.02.
+  /// Begins anew, with enough points for a first estimate, whose standard deviation is about 0.02.
   void restart(const ModelMatcher& matcher) noexcept {
     matching_ = not_far_ = points_ = 0;
     add(matcher, kFirst);
   }
 
-  /// Counts more points, until there are so many that the standard deviation is 0.005.
+  /// Counts some more points, at the matcher's present pose.
   void refine(const ModelMatcher& matcher) noexcept { add(matcher, kMore); }
+  /// True once there are so many that the standard deviation is about 0.005.
   bool is_refined() const noexcept { return points_ >= kMost; }
 
   /// The share; nothing if no point was near.
